@@ -1,0 +1,39 @@
+"""cndhf-codec: 3D meshes in one to twenty kilobytes.
+
+    model = cndhf_codec.encode("in.obj")      # needs the `encode` extra
+    model.save("out.cndhf")
+    model = cndhf_codec.load("out.cndhf")     # numpy and zstandard only
+    model.contains(points), model.to_mesh()   # to_mesh needs the `mesh` extra
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .decoder.model import Model, load, loads
+    from .encoder.pipeline import encode
+    from .errors import CndhfError
+
+__version__ = "0.1.0"
+__all__ = ["CndhfError", "Model", "encode", "load", "loads"]
+
+_HOMES = {
+    "CndhfError": "errors",
+    "Model": "decoder.model",
+    "encode": "encoder.pipeline",
+    "load": "decoder.model",
+    "loads": "decoder.model",
+}
+
+
+def __getattr__(name: str) -> Any:
+    # Imported on first use, so that a program that only decodes never loads the encoder's libraries.
+    if name in _HOMES:
+        return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -1,0 +1,5 @@
+"""Container -> heights, occupancy, surfaces. numpy and zstandard; the `mesh` extra only for surfaces."""
+
+from .model import Model, load, loads
+
+__all__ = ["Model", "load", "loads"]

@@ -1,0 +1,147 @@
+"""The decoded model: queries and surfaces in input coordinates."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import format as fmt
+from ..errors import FormatError, LimitError, OptionError, require
+from ..files import read_bytes, write_atomically
+from ..format.constants import MAX_FILE_SIZE
+from . import surface
+from .dhf import Dhf
+
+CHUNK = 2**16  # points evaluated at once
+
+
+class Model:
+    """A solid as the intersection of double height fields.
+
+    Points go in, and surfaces and distances come out, in the coordinates and units of the mesh that was encoded.
+    """
+
+    def __init__(self, container: fmt.Container) -> None:
+        self.container = container
+        self._dhfs = [Dhf(record) for record in container.dhfs]
+        self._centre = np.array(container.centre, dtype=np.float64)
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """What the file holds: version-independent names, plain Python values, errors in input units."""
+        c = self.container
+        parameters = sum(d.parameters for d in c.dhfs)
+        size = len(self.dumps())
+        return {
+            "bytes": size,
+            "dhfs": [
+                {
+                    "axis": [round(float(x), 6) for x in d.rotation[2]],
+                    "width": d.width,
+                    "hidden_layers": d.hidden_layers,
+                    "parameters": d.parameters,
+                    "bounds": [[float(x) for x in row] for row in d.bounds],
+                }
+                for d in c.dhfs
+            ],
+            "parameters": parameters,
+            "bits_per_parameter": 8 * size / parameters,
+            "centre": list(c.centre),
+            "scale": c.scale,
+            "encoder": c.metadata.encoder,
+            "mean_error": c.metadata.mean_error,
+            "p99_error": c.metadata.p99_error,
+            "max_error": c.metadata.max_error,
+            "source": c.metadata.source,
+        }
+
+    def heights(self, i: int, uv: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """Near and far height of DHF `i`.
+
+        uv: (..., 2), in the rotated normalised frame of that DHF; values outside its domain are clamped to it.
+        Returns (..., 2) float32, near then far, in the same frame. Empty where far < near.
+        Raises OptionError when there is no DHF `i` or the last dimension is not 2.
+        """
+        if not 0 <= i < len(self._dhfs):
+            raise OptionError(f"there is no DHF {i}; this model has {len(self._dhfs)}")
+        array = _last_dimension(uv, 2).astype(np.float32)
+        return self._dhfs[i].heights(array.reshape(-1, 2)).reshape(array.shape)
+
+    def implicit(self, points: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """The implicit function f at points (..., 3) in input coordinates -> (...,) float32 in input units.
+
+        Positive inside, zero on the surface, negative outside. f / |grad f| approximates the distance.
+        Raises OptionError when the last dimension is not 3.
+        """
+        array = _last_dimension(points, 3)
+        flat = array.reshape(-1, 3)
+        out = np.empty(len(flat), dtype=np.float32)
+        for at in range(0, len(flat), CHUNK):
+            p = ((flat[at : at + CHUNK] - self._centre) / self.container.scale).astype(np.float32)
+            f = np.full(len(p), np.inf, dtype=np.float32)
+            for dhf in self._dhfs:
+                np.minimum(f, dhf.implicit(p), out=f)
+            out[at : at + CHUNK] = f * np.float32(self.container.scale)
+        return out.reshape(array.shape[:-1])
+
+    def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether points (..., 3) in input coordinates lie in the solid or on its surface -> (...,) bool."""
+        return self.implicit(points) >= 0
+
+    def to_mesh(self, resolution: int = 256) -> Any:
+        """The surface as a `trimesh.Trimesh` in input coordinates: watertight, facing outward.
+
+        resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048.
+        Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
+        """
+        trimesh = require("trimesh", "mesh")
+        vertices, faces = surface.marching_cubes(self._dhfs, resolution)
+        # process=False: merging vertices by position could weld parts of the surface that only touch.
+        return trimesh.Trimesh(vertices * self.container.scale + self._centre, faces, process=False)
+
+    def occupancy(
+        self, resolution: int = 256
+    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
+        """In/out at the nodes of a regular grid around the solid.
+
+        Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
+        coordinates, is inside. Raises OptionError or SurfaceError.
+        """
+        grid, origin, spacing = surface.occupancy(self._dhfs, resolution)
+        scale = self.container.scale
+        return grid, origin * scale + self._centre, spacing * scale
+
+    def dumps(self) -> bytes:
+        """The bytes of the `.cndhf` file."""
+        return fmt.dumps(self.container)
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the `.cndhf` file, whole or not at all. Raises OutputError."""
+        write_atomically(path, self.dumps(), overwrite)
+
+
+def loads(data: bytes) -> Model:
+    """Model from the bytes of a `.cndhf` file. Raises FormatError."""
+    return Model(fmt.loads(bytes(data)))
+
+
+def load(path: str | os.PathLike[str]) -> Model:
+    """Model from a `.cndhf` file. Raises FormatError or InputError, naming the file."""
+    data = read_bytes(path, MAX_FILE_SIZE + 1)
+    try:
+        if len(data) > MAX_FILE_SIZE:
+            raise LimitError(f"the file has more than {MAX_FILE_SIZE} bytes, the most that the format allows")
+        return loads(data)
+    except FormatError as exc:
+        raise type(exc)(f"{Path(path)}: {exc}") from exc
+
+
+def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != n:
+        raise OptionError(f"an array of shape (..., {n}) is needed; got {array.shape}")
+    return array

@@ -1,0 +1,188 @@
+"""The fit: one SIREN to one set of height targets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event, Lock
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from ..errors import EncodeError, OptionError
+from .heights import HeightTargets
+from .settings import Settings
+from .siren import forward, initialise
+
+Tensors = list[npt.NDArray[np.float32]]
+OnSteps = Callable[[int, int, float], None]  # done, total, loss
+
+WARM_UP = 100  # steps of rising learning rate
+INSIDE = 0.75  # share of a batch drawn inside the silhouette
+TILE = 16  # pixels along the side of the tiles that the Laplacian loss looks at
+REPORT_EVERY = 20  # steps
+
+
+def choose_device(name: str) -> torch.device:
+    """The torch device for "auto", "cpu" or "cuda". Raises OptionError when there is no such device."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise OptionError(f"device is {name!r}; there are auto, cpu, cuda")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise OptionError("device is 'cuda', but torch sees no CUDA device; use auto or cpu")
+    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def fit_all(
+    targets: list[HeightTargets],
+    settings: Settings,
+    seed: int,
+    device: torch.device,
+    threads: int,
+    on_steps: OnSteps,
+) -> list[Tensors]:
+    """Fit every DHF alone, `threads` at a time. Each fit runs in one thread, so that the result does not
+    depend on their number. Raises EncodeError when a fit diverges."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    stop, lock = Event(), Lock()
+    done = [0] * len(targets)
+    losses = [math.nan] * len(targets)
+
+    def one(i: int) -> Tensors:
+        def report(step: int, loss: float) -> None:
+            with lock:
+                done[i], losses[i] = step, loss
+                on_steps(sum(done), settings.steps * len(targets), float(np.nanmean(losses)))
+
+        return _fit(targets[i], settings, seed + i, device, stop, report)
+
+    try:
+        with ThreadPoolExecutor(threads if device.type == "cpu" else 1) as pool:
+            futures = [pool.submit(one, i) for i in range(len(targets))]
+            try:
+                return [f.result() for f in futures]
+            except BaseException:
+                # Interrupted or failed: the other fits must not run on.
+                stop.set()
+                for f in futures:
+                    f.cancel()
+                raise
+    finally:
+        torch.set_num_threads(before)
+
+
+def _fit(
+    targets: HeightTargets,
+    settings: Settings,
+    seed: int,
+    device: torch.device,
+    stop: Event,
+    report: Callable[[int, float], None],
+) -> Tensors:
+    generator = torch.Generator().manual_seed(seed)
+    tensors = [
+        t.to(device).requires_grad_()
+        for t in initialise(settings.width, settings.hidden_layers, settings.omega, generator)
+    ]
+    loss_of = (_TileLoss if settings.laplacian else _PointLoss)(targets, settings, device, settings.batch)
+    optimiser = _optimiser(tensors, settings)
+    for step in range(1, settings.steps + 1):
+        if stop.is_set():
+            break
+        rate = min(1.0, step / WARM_UP) * 0.5 * (1 + math.cos(math.pi * (step - 1) / settings.steps))
+        for group in optimiser.param_groups:
+            group["lr"] = settings.learning_rate * rate
+        loss = loss_of(tensors, generator)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        if step % REPORT_EVERY == 0 or step == settings.steps:
+            value = loss.item()
+            if not math.isfinite(value):
+                raise EncodeError(f"the fit diverged at step {step}; try another --seed")
+            report(step, value)
+    return [t.detach().cpu().numpy() for t in tensors]
+
+
+def _optimiser(tensors: list[torch.Tensor], settings: Settings) -> Any:
+    if settings.optimiser == "adam":
+        return torch.optim.Adam(tensors, lr=settings.learning_rate)
+    # Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024).
+    from pytorch_optimizer import SOAP
+
+    return SOAP(tensors, lr=settings.learning_rate, betas=(0.95, 0.95), weight_decay=0.0)
+
+
+class _Images:
+    """A DHF's targets as tensors on a device, pixels flattened."""
+
+    def __init__(self, t: HeightTargets, device: torch.device) -> None:
+        def put(array: np.ndarray, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+            return torch.from_numpy(np.ascontiguousarray(array)).to(device, dtype)
+
+        self.device = device
+        self.shape = t.hit.shape
+        self.uv = put(t.uv.reshape(-1, 2))
+        self.heights = put(np.stack([t.near.ravel(), t.far.ravel()], axis=1))
+        self.known = put(np.stack([t.near_known.ravel(), t.far_known.ravel()], axis=1))
+        self.hit = put(t.hit.ravel())
+        self.inside = put(np.flatnonzero(t.hit), torch.int64)
+        self.outside = put(np.flatnonzero(~t.hit), torch.int64)
+        self.laplacians = put(np.stack([t.laplacian_near.ravel(), t.laplacian_far.ravel()], axis=1))
+        self.laplacian_known = put(t.laplacian_known.ravel())
+
+    def draw(self, n: int, count: int, generator: torch.Generator) -> torch.Tensor:
+        """`count` integers below n, drawn on the CPU so that every device sees the same batches."""
+        return torch.randint(n, (count,), generator=generator).to(self.device)
+
+
+class _PointLoss:
+    """L1 on the known heights of points inside the silhouette; a hinge at points outside it."""
+
+    def __init__(self, t: HeightTargets, settings: Settings, device: torch.device, batch: int) -> None:
+        self.images = _Images(t, device)
+        self.settings = settings
+        outside = len(self.images.outside)
+        self.n_outside = round(batch * (1 - INSIDE)) if outside else 0
+        self.n_inside = batch - self.n_outside
+
+    def __call__(self, tensors: list[torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        im, n = self.images, self.n_inside
+        inside = im.inside[im.draw(len(im.inside), n, generator)]
+        at = inside
+        if self.n_outside:
+            at = torch.cat([inside, im.outside[im.draw(len(im.outside), self.n_outside, generator)]])
+        y = forward(tensors, im.uv[at], self.settings.omega)
+        loss = ((y[:n] - im.heights[inside]).abs() * im.known[inside]).sum() / n
+        if self.n_outside:
+            loss = loss + torch.relu(y[n:, 1] - y[n:, 0] + self.settings.margin).mean()
+        return loss
+
+
+class _TileLoss:
+    """The paper's loss: L1, hinge, and L1 between the Laplacians of the height images, on random tiles."""
+
+    def __init__(self, t: HeightTargets, settings: Settings, device: torch.device, batch: int) -> None:
+        self.images = _Images(t, device)
+        self.settings = settings
+        self.tiles = max(1, batch // TILE**2)
+        nu, nv = self.images.shape
+        self.side = min(TILE, nu, nv)
+        span = torch.arange(self.side)
+        self.offsets = (span[:, None] * nv + span).to(device)
+
+    def __call__(self, tensors: list[torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        im, (nu, nv) = self.images, self.images.shape
+        u = im.draw(nu - self.side + 1, self.tiles, generator)
+        v = im.draw(nv - self.side + 1, self.tiles, generator)
+        at = (u * nv + v)[:, None, None] + self.offsets
+        y = forward(tensors, im.uv[at], self.settings.omega)
+        heights = ((y - im.heights[at]).abs() * im.known[at]).sum(dim=-1)
+        hinge = torch.relu(y[..., 1] - y[..., 0] + self.settings.margin) * (1 - im.hit[at])
+        middle = at[:, 1:-1, 1:-1]
+        laplacian = y[:, 2:, 1:-1] + y[:, :-2, 1:-1] + y[:, 1:-1, 2:] + y[:, 1:-1, :-2] - 4 * y[:, 1:-1, 1:-1]
+        smooth = (laplacian - im.laplacians[middle]).abs().sum(dim=-1) * im.laplacian_known[middle]
+        return heights.mean() + hinge.mean() + self.settings.laplacian * smooth.mean()

@@ -1,0 +1,34 @@
+"""Input coordinates to the normalised frame: bounding-box centre at the origin, farthest vertex at 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import MeshError
+from .read import Mesh
+
+
+@dataclass(frozen=True)
+class Normalisation:
+    """normalised = (input - centre) / scale; the scale is a float32 value, as the file stores it."""
+
+    centre: tuple[float, float, float]
+    scale: float
+
+    def apply(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return (points - np.array(self.centre)) / self.scale
+
+
+def normalisation(mesh: Mesh) -> Normalisation:
+    """The mesh's normalisation. Raises MeshError when its size is outside what float32 can hold."""
+    centre = mesh.vertices.min(axis=0) / 2 + mesh.vertices.max(axis=0) / 2
+    radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
+    if not 1e-30 < radius < 1e30:
+        raise MeshError(f"{mesh.name}: its size ({radius:g}) is outside 1e-30 to 1e30; rescale it")
+    scale = np.float32(radius)
+    if scale < radius:  # never let a vertex fall outside the unit ball
+        scale = np.nextafter(scale, np.float32(np.inf))
+    return Normalisation((float(centre[0]), float(centre[1]), float(centre[2])), float(scale))

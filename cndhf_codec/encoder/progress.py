@@ -1,0 +1,49 @@
+"""What a running encode tells its caller."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any, Protocol
+
+from ..errors import require
+
+
+class Progress(Protocol):
+    """Called with the stage's name, the work done and to do in it, and the fit's loss (NaN in other stages).
+
+    It may be called from several threads, never from two at once.
+    """
+
+    def __call__(self, stage: str, done: int, total: int, loss: float = math.nan) -> None: ...
+
+
+def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:
+    """No progress report."""
+
+
+class Bar:
+    """A progress bar on stderr, a line a stage: stage, share done, time left, loss. Nothing off a terminal."""
+
+    def __init__(self, quiet: bool = False) -> None:
+        self._on = not quiet and sys.stderr.isatty()
+        self._stage = ""
+        self._bar: Any = None
+
+    def __call__(self, stage: str, done: int, total: int, loss: float = math.nan) -> None:
+        if not self._on:
+            return
+        if stage != self._stage:
+            self.close()
+            self._stage = stage
+            form = "{desc:<9} {percentage:3.0f}%|{bar:30}| {elapsed}, {remaining} left{postfix}"
+            tqdm = require("tqdm", "encode").tqdm
+            self._bar = tqdm(desc=stage, total=total, file=sys.stderr, bar_format=form)
+        if not math.isnan(loss):
+            self._bar.set_postfix_str(f"loss {loss:.2e}", refresh=False)
+        self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

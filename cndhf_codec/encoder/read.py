@@ -1,0 +1,111 @@
+"""Mesh input: files through trimesh, or arrays, as one checked triangle mesh in input coordinates."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError, MeshError, require
+
+EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".glb")
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles with no zero-area face, no unused vertex, and equal positions merged.
+
+    vertices: (N, 3) float64. faces: (M, 3) int64. dropped: how many zero-area faces were left out.
+    """
+
+    vertices: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    name: str
+    dropped: int
+
+    @property
+    def triangles(self) -> npt.NDArray[np.float64]:
+        """(M, 3, 3) corner positions."""
+        return self.vertices[self.faces]
+
+
+def read_mesh(source: Any) -> Mesh:
+    """Mesh from a path, a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
+
+    A scene is flattened with its transforms. Raises InputError when the file cannot be read and MeshError
+    when it does not hold triangles with finite coordinates.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return _checked(*_load(Path(source)), str(Path(source)))
+    if isinstance(source, tuple) and len(source) == 2:
+        return _checked(np.asarray(source[0]), np.asarray(source[1]), "the mesh")
+    if hasattr(source, "geometry"):
+        source = _flatten(source, "the scene")
+    if hasattr(source, "vertices") and hasattr(source, "faces"):
+        return _checked(np.asarray(source.vertices), np.asarray(source.faces), "the mesh")
+    raise MeshError(
+        f"cannot make a mesh of a {type(source).__name__}; give a path, a trimesh.Trimesh or (vertices, faces)"
+    )
+
+
+def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    trimesh = require("trimesh", "encode")
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a mesh file")
+    if path.suffix.lower() not in EXTENSIONS:
+        raise InputError(f"{path}: unknown mesh extension; these are read: {', '.join(EXTENSIONS)}")
+    try:
+        loaded = trimesh.load(path, process=False)
+    except Exception as exc:  # trimesh's loaders raise whatever their parsers raise
+        raise MeshError(f"{path}: cannot be read as a {path.suffix[1:].upper()} mesh: {_line(exc)}") from exc
+    if isinstance(loaded, trimesh.Scene):
+        loaded = _flatten(loaded, str(path))
+    if not hasattr(loaded, "faces"):
+        raise MeshError(f"{path}: holds no triangles (a point cloud or curves?)")
+    return np.asarray(loaded.vertices), np.asarray(loaded.faces)
+
+
+def _flatten(scene: Any, name: str) -> Any:
+    trimesh = require("trimesh", "encode")
+    meshes = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
+    if not meshes:
+        raise MeshError(f"{name}: holds no triangles (a point cloud or curves?)")
+    return trimesh.util.concatenate(meshes)
+
+
+def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
+    if faces.size == 0:
+        raise MeshError(f"{name}: has no faces")
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(
+            f"{name}: vertices of shape (N, 3) and triangles of shape (M, 3) are needed; "
+            f"got {vertices.shape} and {faces.shape}"
+        )
+    vertices, faces = vertices.astype(np.float64), faces.astype(np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise MeshError(f"{name}: a face names vertex {faces.max()}, but there are {len(vertices)} vertices")
+    if not np.isfinite(vertices[np.unique(faces)]).all():
+        raise MeshError(f"{name}: a vertex coordinate is NaN or infinite")
+    positions, number = np.unique(vertices, axis=0, return_inverse=True)
+    faces = number.reshape(-1)[faces]
+    a, b, c = (positions[faces[:, k]] for k in range(3))
+    # Relative to the longest edge, so that the test means the same in metres and in micrometres.
+    edge = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+    solid = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * edge**2
+    dropped = int(len(faces) - solid.sum())
+    faces = faces[solid]
+    if not len(faces):
+        raise MeshError(f"{name}: every face has zero area")
+    used, number = np.unique(faces, return_inverse=True)
+    return Mesh(positions[used], number.reshape(-1, 3).astype(np.int64), name, dropped)
+
+
+def _line(exc: Exception) -> str:
+    text = str(exc).strip().splitlines()
+    return text[0] if text else type(exc).__name__

@@ -1,0 +1,52 @@
+"""Every number that the file format fixes. The meaning of each is in spec/cndhf.md."""
+
+from __future__ import annotations
+
+# As PNG's: a byte that 7-bit transfer destroys, the name, then CR LF, a DOS end-of-file and LF, so that
+# line-ending conversion in either direction breaks it.
+SIGNATURE = b"\x89DHF\r\n\x1a\n"
+MAJOR, MINOR = 0, 1
+
+# Sizes in bytes.
+HEADER_SIZE = 40
+TABLE_ENTRY_SIZE = 6
+RECORD_HEAD_SIZE = 26
+CRC_SIZE = 4
+
+# Section kinds. A decoder skips an unknown kind with the OPTIONAL bit, and refuses one without.
+OPTIONAL = 0x80
+KIND_RECORDS = 0x01
+KIND_WEIGHTS = 0x02
+KIND_METADATA = OPTIONAL | 0x01
+
+# Codecs of a section.
+CODEC_RAW = 0
+CODEC_ZSTD = 1
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # left out of the file, put back to decompress
+
+# What a DHF does to the solid and which part it belongs to. Other values are reserved.
+ROLE_INTERSECT = 0
+PART_FIRST = 0
+
+# Fixed-point scales.
+QUATERNION_ONE = 32767  # int16 value that stands for 1
+QUATERNION_MIN_NORM = 32000  # a rotation's integer quaternion has a norm in this range
+QUATERNION_MAX_NORM = 33000
+BOX_STEP = 2.0**-14  # box bounds: int16 times this
+STEPS_PER_OCTAVE = 4  # step code k stands for a quantisation step of 2^(-k / 4)
+STEP_CODE_MASK = 0x7F
+STEP_WIDE = 0x80  # set on a tensor with two bytes a symbol
+
+# Limits. A file that exceeds one is refused before anything is allocated.
+MAX_FILE_SIZE = 16 * 2**20
+MAX_SECTIONS = 16
+MAX_DHFS = 64
+MAX_WIDTH = 128
+MAX_HIDDEN_LAYERS = 8
+MAX_PARAMETERS = 2**20
+MAX_SYMBOL = 32767
+
+# Metadata tags; unknown ones are skipped.
+TAG_ENCODER = 1
+TAG_ERROR = 2
+TAG_SOURCE = 3

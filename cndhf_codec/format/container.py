@@ -1,0 +1,119 @@
+"""The in-memory form of a `.cndhf` file: what the writer takes and the reader gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from . import constants as c
+
+Symbols = npt.NDArray[np.int32]
+
+
+def tensor_shapes(width: int, hidden_layers: int) -> list[tuple[int, ...]]:
+    """Shapes of a network's tensors in file order: W0, b0, W1, b1, ..., output W, output b.
+
+    A weight matrix has shape (outputs, inputs). 2 inputs, 1 + `hidden_layers` sine layers, 2 outputs.
+    """
+    shapes: list[tuple[int, ...]] = [(width, 2), (width,)]
+    for _ in range(hidden_layers):
+        shapes += [(width, width), (width,)]
+    return [*shapes, (2, width), (2,)]
+
+
+def parameter_count(width: int, hidden_layers: int) -> int:
+    """Number of weights and biases of one network: 5 w^2 + 10 w + 2 for five hidden layers."""
+    return hidden_layers * width * (width + 1) + 5 * width + 2
+
+
+@dataclass(frozen=True, eq=False)
+class DhfRecord:
+    """One double height field as stored: small integers only.
+
+    quaternion: (4,) int16, x y z w, `QUATERNION_ONE` stands for 1.
+    box: (6,) int16, u v z bounds as min, max pairs, in units of `BOX_STEP`, in the rotated normalised frame.
+    step_codes: one an tensor, 0 to 127; the quantisation step is 2^(-code / 4).
+    symbols: one int32 array a tensor, shaped as `tensor_shapes` says; |symbol| <= `MAX_SYMBOL`.
+    """
+
+    quaternion: tuple[int, int, int, int]
+    box: tuple[int, int, int, int, int, int]
+    width: int
+    hidden_layers: int
+    omega_first: int
+    omega_hidden: int
+    step_codes: tuple[int, ...]
+    symbols: tuple[Symbols, ...]
+    role: int = c.ROLE_INTERSECT
+    part: int = c.PART_FIRST
+
+    @property
+    def rotation(self) -> npt.NDArray[np.float64]:
+        """(3, 3) matrix R; R @ p takes a normalised point to this DHF's frame (u, v, z)."""
+        return rotation_matrix(self.quaternion)
+
+    @property
+    def bounds(self) -> npt.NDArray[np.float64]:
+        """(3, 2) minimum and maximum of u, v and z in the DHF's frame."""
+        return np.array(self.box, dtype=np.float64).reshape(3, 2) * c.BOX_STEP
+
+    @property
+    def parameters(self) -> int:
+        return parameter_count(self.width, self.hidden_layers)
+
+    def weights(self) -> list[npt.NDArray[np.float32]]:
+        """The dequantised tensors, float32, shaped as `tensor_shapes` says."""
+        return [
+            (s * step_size(code)).astype(np.float32)
+            for s, code in zip(self.symbols, self.step_codes, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """The optional section. Errors are in input units, measured on the decoded file.
+
+    mean_error: Chamfer distance (mean of the two directed mean point-to-surface distances).
+    p99_error, max_error: 99th percentile and maximum of the same distances.
+    """
+
+    encoder: str | None = None
+    mean_error: float | None = None
+    p99_error: float | None = None
+    max_error: float | None = None
+    source: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Container:
+    """A whole file. A point p in input coordinates is (p - centre) / scale in the normalised frame."""
+
+    centre: tuple[float, float, float]
+    scale: float
+    dhfs: tuple[DhfRecord, ...]
+    metadata: Metadata = field(default_factory=Metadata)
+
+
+def step_size(code: int) -> float:
+    """Quantisation step of a step code: 2^(-code / 4)."""
+    return 2.0 ** (-code / c.STEPS_PER_OCTAVE)
+
+
+def rotation_matrix(quaternion: tuple[int, int, int, int]) -> npt.NDArray[np.float64]:
+    """(3, 3) rotation matrix of an integer quaternion x y z w of any non-zero length."""
+    q = np.array(quaternion, dtype=np.float64)
+    x, y, z, w = q
+    n = float(q @ q)
+    # Dividing the integer products by the squared norm keeps the axis-aligned rotations exact.
+    return (
+        np.array(
+            [
+                [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+            ]
+        )
+        / n
+    )

@@ -1,0 +1,119 @@
+"""Container -> bytes. Deterministic: equal containers give equal bytes."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import zstandard
+
+from ..errors import OptionError
+from . import constants as c
+from .container import Container, DhfRecord, Metadata, Symbols
+from .reader import loads
+
+ZSTD_LEVEL = 22
+
+
+def dumps(container: Container) -> bytes:
+    """Bytes of a `.cndhf` file.
+
+    Raises OptionError when the container holds something that the format cannot say or that a reader
+    would refuse, so that no unreadable file is ever written.
+    """
+    sections = [
+        (c.KIND_RECORDS, c.CODEC_RAW, b"".join(_record(d) for d in container.dhfs)),
+        (c.KIND_WEIGHTS, c.CODEC_ZSTD, _compress(pack_symbols(container.dhfs))),
+    ]
+    metadata = _metadata(container.metadata)
+    if metadata:
+        sections.append((c.KIND_METADATA, c.CODEC_RAW, metadata))
+    try:
+        head = c.SIGNATURE + struct.pack(
+            "<4B3df", c.MAJOR, c.MINOR, len(sections), len(container.dhfs), *container.centre, container.scale
+        )
+    except (struct.error, OverflowError) as exc:
+        raise OptionError(f"the container does not fit the format: {exc}") from exc
+    table = b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in sections)
+    data = head + table + b"".join(body for _, _, body in sections)
+    data += struct.pack("<I", zlib.crc32(data))
+    try:
+        loads(data)
+    except Exception as exc:
+        raise OptionError(f"the container does not fit the format: {exc}") from exc
+    return data
+
+
+def is_wide(symbols: Symbols) -> bool:
+    """Whether a tensor's symbols need two bytes each."""
+    return symbols.size > 0 and int(zigzag(symbols).max()) > 0xFF
+
+
+def zigzag(symbols: Symbols) -> np.ndarray:
+    """Signed to unsigned, small magnitudes first: 0, -1, 1, -2, ... -> 0, 1, 2, 3, ..."""
+    s = symbols.astype(np.int64)
+    return np.where(s < 0, -2 * s - 1, 2 * s)
+
+
+def pack_symbols(dhfs: tuple[DhfRecord, ...]) -> bytes:
+    """One byte a symbol: the low bytes of every tensor, then the high bytes of the wide ones."""
+    low, high = [], []
+    for dhf in dhfs:
+        for symbols in dhf.symbols:
+            u = zigzag(symbols).ravel()
+            if u.size and u.max() > 0xFFFF:
+                raise OptionError(f"a symbol is larger than {c.MAX_SYMBOL}; use a coarser step")
+            low.append((u & 0xFF).astype(np.uint8))
+            if is_wide(symbols):
+                high.append((u >> 8).astype(np.uint8))
+    return b"".join(plane.tobytes() for plane in low + high)
+
+
+def _record(dhf: DhfRecord) -> bytes:
+    codes = bytes(
+        code | (c.STEP_WIDE if is_wide(s) else 0) for code, s in zip(dhf.step_codes, dhf.symbols, strict=True)
+    )
+    try:
+        head = struct.pack(
+            "<2B4h6h4B",
+            dhf.role,
+            dhf.part,
+            *dhf.quaternion,
+            *dhf.box,
+            dhf.width,
+            dhf.hidden_layers,
+            dhf.omega_first,
+            dhf.omega_hidden,
+        )
+    except struct.error as exc:
+        raise OptionError(f"a DHF does not fit the format: {exc}") from exc
+    return head + codes
+
+
+def _compress(raw: bytes) -> bytes:
+    params = zstandard.ZstdCompressionParameters.from_level(
+        ZSTD_LEVEL, source_size=len(raw), write_content_size=True, write_checksum=False, write_dict_id=False
+    )
+    frame = zstandard.ZstdCompressor(compression_params=params).compress(raw)
+    return frame.removeprefix(c.ZSTD_MAGIC)
+
+
+def _metadata(meta: Metadata) -> bytes:
+    out = b""
+    if meta.encoder is not None:
+        out += _tlv(c.TAG_ENCODER, meta.encoder.encode())
+    errors = (meta.mean_error, meta.p99_error, meta.max_error)
+    if any(e is not None for e in errors):
+        if any(e is None for e in errors):
+            raise OptionError("metadata: give the mean, p99 and maximum error together or none of them")
+        out += _tlv(c.TAG_ERROR, struct.pack("<3f", *errors))
+    if meta.source is not None:
+        out += _tlv(c.TAG_SOURCE, meta.source.encode())
+    return out
+
+
+def _tlv(tag: int, value: bytes) -> bytes:
+    if len(value) > 255:
+        raise OptionError(f"metadata: a value of {len(value)} bytes does not fit; 255 is the most")
+    return struct.pack("<BB", tag, len(value)) + value
