@@ -1,0 +1,51 @@
+"""The console scripts. One module a command; this one turns every failure into one line and an exit code.
+
+Exit codes: 0 done, 1 failed (the line says why), 2 wrong arguments, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from ..errors import CndhfError, require
+
+
+def encode() -> None:
+    """`cndhf-encode`"""
+    sys.exit(_run("encode"))
+
+
+def decode() -> None:
+    """`cndhf-decode`"""
+    sys.exit(_run("decode"))
+
+
+def info() -> None:
+    """`cndhf-info`"""
+    sys.exit(_run("info"))
+
+
+def _run(name: str) -> int:
+    program = f"cndhf-{name}"
+    try:
+        click = require("click", "encode" if name == "encode" else "mesh" if name == "decode" else "cli")
+    except CndhfError as exc:
+        return _fail(program, str(exc), 1)
+    command = importlib.import_module(f".{name}", __name__).command
+    try:
+        return int(command.main(prog_name=program, standalone_mode=False) or 0)
+    except click.ClickException as exc:
+        return _fail(program, f"{exc.format_message()} (see {program} --help)", exc.exit_code)
+    except CndhfError as exc:
+        return _fail(program, str(exc), 1)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail(program, "interrupted; nothing was written", 130)
+    except MemoryError:
+        return _fail(program, "out of memory; use a smaller mesh or a lower --resolution", 1)
+
+
+def _fail(program: str, message: str, code: int) -> int:
+    one_line = " ".join(message.split())
+    sys.stderr.write(f"{program}: error: {one_line}\n")
+    return code

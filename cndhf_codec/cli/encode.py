@@ -1,0 +1,116 @@
+"""`cndhf-encode`: mesh file -> .cndhf file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..files import check_output
+
+if TYPE_CHECKING:
+    from ..decoder.model import Model
+    from ..encoder.pipeline import Report
+
+# A larger share of unseen surface than this is worth a warning: it will be filled.
+UNSEEN = 0.02
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUTPUT.cndhf", type=click.Path(path_type=Path))
+@click.option(
+    "--preset",
+    type=click.Choice(["fast", "default", "best", "paper"]),
+    default="default",
+    help="How much work to spend; `paper` is the published method, for comparison.",
+)
+@click.option("--axes", type=int, help="Use at most this many double height fields.  [default: the preset's]")
+@click.option("--width", type=int, help="Neurons in each layer of the networks.  [default: the preset's]")
+@click.option("--seed", type=int, default=0, help="Equal seeds give equal bytes on one kind of machine.")
+@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Where to fit.")
+@click.option("--threads", type=int, help="Threads to use.  [default: all]")
+@click.option("--source-name", is_flag=True, help="Write the input's file name into the output.")
+@click.option("--overwrite", is_flag=True, help="Replace OUTPUT if it exists.")
+@click.option("--quiet", is_flag=True, help="No progress bar and no summary; warnings stay.")
+@click.version_option(package_name="cndhf-codec")
+def command(
+    source: Path,
+    target: Path,
+    preset: str,
+    axes: int | None,
+    width: int | None,
+    seed: int,
+    device: str,
+    threads: int | None,
+    source_name: bool,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Store the mesh INPUT (OBJ, PLY, STL, OFF or GLB) as OUTPUT.cndhf.
+
+    Hidden cavities are filled, and colours and texture coordinates are not kept.
+    """
+    from ..encoder.pipeline import encode_with_report
+    from ..encoder.progress import Bar
+
+    check_output(target, overwrite)
+    bar = Bar(quiet)
+    try:
+        model, report = encode_with_report(
+            source,
+            preset,
+            axes=axes,
+            width=width,
+            seed=seed,
+            device=device,
+            threads=threads,
+            source_name=source_name,
+            progress=bar,
+        )
+    finally:
+        bar.close()
+    model.save(target, overwrite=overwrite)
+    for line in _warnings(report):
+        click.echo(f"cndhf-encode: warning: {line}", err=True)
+    if not quiet:
+        click.echo(_summary(target, model, report))
+
+
+def _summary(target: Path, model: Model, report: Report) -> str:
+    d = report.distances
+    assert d is not None
+
+    def error(value: float) -> str:
+        return f"{value:.4g} ({100 * value / report.diagonal:.3f} %)"
+
+    return "\n".join(
+        [
+            f"{target}: {len(model.dumps())} bytes, {len(model.container.dhfs)} double height fields, "
+            f"{sum(report.seconds.values()):.0f} s",
+            "error in input units (and of the bounding box's diagonal): "
+            f"mean {error(d.chamfer)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
+            f"surface seen by the chosen axes: {100 * report.covered:.1f} % "
+            f"(by any axis: {100 * report.visible:.1f} %)",
+        ]
+    )
+
+
+def _warnings(report: Report) -> list[str]:
+    out = []
+    if 1 - report.visible > UNSEEN:
+        out.append(
+            f"{100 * (1 - report.visible):.1f} % of the surface is hidden from every axis (cavities, inner parts) "
+            "and comes back filled"
+        )
+    if report.flipped > 0:
+        out.append(f"{100 * report.flipped:.1f} % of the surface faced inward and was turned round")
+    if report.unknown > 0:
+        out.append(
+            f"the surface is open: {100 * report.unknown:.1f} % of the rays of one axis came in through a hole, "
+            "which comes back closed"
+        )
+    if report.dropped_faces:
+        out.append(f"{report.dropped_faces} faces of zero area were left out")
+    return out
