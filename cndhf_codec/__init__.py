@@ -1,9 +1,9 @@
 """cndhf-codec: 3D meshes in one to twenty kilobytes.
 
-    model = cndhf_codec.encode("in.obj")      # needs the `encode` extra
-    model.save("out.cndhf")
-    model = cndhf_codec.load("out.cndhf")     # numpy and zstandard only
-    model.contains(points), model.to_mesh()   # to_mesh needs the `mesh` extra
+model = cndhf_codec.encode("in.obj")      # needs the `encode` extra
+model.save("out.cndhf")
+model = cndhf_codec.load("out.cndhf")     # numpy and zstandard only
+model.contains(points), model.to_mesh()   # to_mesh needs the `mesh` extra
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.solid import Solid
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib import pyplot as plt
 
 LIGHT = np.array([0.3, 0.4, 0.87])
 WARM = np.array([0.93, 0.86, 0.76])
@@ -61,7 +61,9 @@ def shade(vertices: np.ndarray, faces: np.ndarray, frame: np.ndarray, size: int)
 @click.option("--size", default=480, help="Pixels a picture.")
 def main(target: Path, sources: tuple[Path, ...], azimuth: float, elevation: float, up: str, size: int) -> None:
     frame = view_frame(azimuth, elevation, up)
-    figure, axes = plt.subplots(1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False)
+    figure, axes = plt.subplots(
+        1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False
+    )
     first, _ = load(sources[0])
     centre = (first.min(axis=0) + first.max(axis=0)) / 2
     scale = np.linalg.norm(first - centre, axis=1).max()

@@ -103,9 +103,7 @@ class Model:
         # process=False: merging vertices by position could weld parts of the surface that only touch.
         return trimesh.Trimesh(vertices * self.container.scale + self._centre, faces, process=False)
 
-    def occupancy(
-        self, resolution: int = 256
-    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
+    def occupancy(self, resolution: int = 256) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
         """In/out at the nodes of a regular grid around the solid.
 
         Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input

@@ -21,9 +21,7 @@ class Network:
         matrices, biases = tensors[0::2], tensors[1::2]
         omegas = [omega_first] + [omega_hidden] * (len(matrices) - 2) + [1.0]
         # omega is folded into the tensors, and the matrices transposed, once.
-        self.matrices = [
-            np.ascontiguousarray((W * np.float32(o)).T) for W, o in zip(matrices, omegas, strict=True)
-        ]
+        self.matrices = [np.ascontiguousarray((W * np.float32(o)).T) for W, o in zip(matrices, omegas, strict=True)]
         self.biases = [b * np.float32(o) for b, o in zip(biases, omegas, strict=True)]
 
     def __call__(self, uv: F32) -> F32:

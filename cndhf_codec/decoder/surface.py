@@ -56,9 +56,7 @@ def field_slab(
     grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable], first: int, last: int
 ) -> npt.NDArray[np.float32]:
     """f at the nodes first <= i < last, shape (last - first, ny, nz), in normalised units."""
-    axes = [
-        (grid.origin[k] + grid.spacing * np.arange(n)).astype(np.float32) for k, n in enumerate(grid.shape)
-    ]
+    axes = [(grid.origin[k] + grid.spacing * np.arange(n)).astype(np.float32) for k, n in enumerate(grid.shape)]
     axes[0] = axes[0][first:last]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     f = np.full(len(points), np.inf, dtype=np.float32)
@@ -67,9 +65,7 @@ def field_slab(
     return f.reshape(last - first, *grid.shape[1:])
 
 
-def marching_cubes(
-    dhfs: Sequence[Dhf], resolution: int
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+def marching_cubes(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Vertices (N, 3) float64 in the normalised frame and triangles (M, 3), closed and facing outward.
 
     Memory is that of the surface plus one slab of the grid. Raises SurfaceError when no node is inside.
@@ -96,7 +92,7 @@ def marching_cubes(
         total += int(fresh.sum())
         on_last = np.flatnonzero(v[:, 0] == last - 1 - first)
         seam = number[on_last[np.lexsort(v[on_last, 1:].T)]]
-        vertices.append(v[fresh].astype(np.float64) + [first, 0, 0])
+        vertices.append(v[fresh].astype(np.float64) + np.array([first, 0, 0]))
         faces.append(number[t])
     if not faces:
         raise SurfaceError("the solid is empty or thinner than a voxel; raise the resolution")
@@ -104,9 +100,7 @@ def marching_cubes(
     return nodes * grid.spacing + grid.origin, np.concatenate(faces)
 
 
-def occupancy(
-    dhfs: Sequence[Dhf], resolution: int
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
+def occupancy(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
     """Boolean (nx, ny, nz) grid of f >= 0 with the position of its first node and its spacing (normalised)."""
     grid, tables = make_grid(dhfs, resolution)
     out = np.empty(grid.shape, dtype=bool)
@@ -115,9 +109,7 @@ def occupancy(
     return out, grid.origin, grid.spacing
 
 
-def _on_surface(
-    grid: Grid, dhfs: Sequence[Dhf], vertices: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _on_surface(grid: Grid, dhfs: Sequence[Dhf], vertices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Move each vertex along its grid edge to where the exact f crosses zero; positions in spacings.
 
     Marching cubes places vertices as if f were linear along an edge, which it is not across creases and

@@ -43,9 +43,7 @@ def candidates() -> npt.NDArray[np.float64]:
     return np.concatenate([fibonacci_sphere(N_FIBONACCI), np.eye(3)])
 
 
-def visibility(
-    solid: Solid, directions: npt.NDArray[np.float64], seed: int, threads: int
-) -> npt.NDArray[np.bool_]:
+def visibility(solid: Solid, directions: npt.NDArray[np.float64], seed: int, threads: int) -> npt.NDArray[np.bool_]:
     """(directions, M): whether a double height field along each direction sees each whole triangle.
 
     5 M samples: ceil(area share) in each triangle, the centroid always among them, the others uniform. A

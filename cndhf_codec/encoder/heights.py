@@ -61,10 +61,8 @@ class HeightTargets:
 def frame_for_axis(axis: npt.NDArray[np.float64], vertices: npt.NDArray[np.float64]) -> Frame:
     """Frame whose rotation takes `axis` to +z the shortest way, and the box of the rotated vertices."""
     x, y, z = axis / np.linalg.norm(axis)
-    if z > -1 + 1e-12:
-        q = np.array([y, -x, 0.0, 1 + z])  # half way between the identity and twice the turn
-    else:
-        q = np.array([1.0, 0.0, 0.0, 0.0])  # every half turn across z is as short
+    # Half way between the identity and twice the turn; opposite to z every half turn is as short, take that about x.
+    q = np.array([y, -x, 0.0, 1 + z] if z > -1 + 1e-12 else [1.0, 0.0, 0.0, 0.0])
     a, b, c, d = (int(k) for k in np.round(q / np.linalg.norm(q) * QUATERNION_ONE))
     uvz = vertices @ rotation_matrix((a, b, c, d)).T
     lo = np.floor(uvz.min(axis=0) / BOX_STEP).astype(int)

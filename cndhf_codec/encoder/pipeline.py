@@ -112,9 +112,7 @@ def encode_with_report(
     with clock("heights", len(choice.axes)):
         targets = []
         for k, axis in enumerate(choice.axes):
-            targets.append(
-                height_targets(solid, frame_for_axis(axis, solid.vertices), settings.target_resolution)
-            )
+            targets.append(height_targets(solid, frame_for_axis(axis, solid.vertices), settings.target_resolution))
             clock.tick(k + 1)
         report.unknown = max(t.unknown for t in targets)
         if not any(t.hit.any() for t in targets):
@@ -138,9 +136,7 @@ def encode_with_report(
         container = Container(norm.centre, norm.scale, tuple(records), metadata)
         # What is measured is what a user would decode from the bytes on disk.
         surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
-        measured = surface_distances(
-            solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed
-        )
+        measured = surface_distances(solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed)
         report.normalised, report.distances = measured, measured.scaled(norm.scale)
         extent = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
         report.diagonal = float((extent @ extent) ** 0.5)

@@ -12,9 +12,9 @@ from ..format.container import tensor_shapes
 def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Generator) -> list[torch.Tensor]:
     """Random tensors as in Sitzmann et al., "Implicit Neural Representations with Periodic Activation
     Functions" (2020): first layer U(+-1 / inputs), others U(+-sqrt(6 / inputs) / omega)."""
-    tensors = []
+    tensors, inputs = [], 0
     for k, shape in enumerate(tensor_shapes(width, hidden_layers)):
-        inputs = shape[1] if len(shape) == 2 else inputs  # noqa: F821  (a bias follows its matrix)
+        inputs = shape[1] if len(shape) == 2 else inputs  # a bias follows its matrix
         if len(shape) == 1:
             limit = 1 / math.sqrt(inputs)
         else:

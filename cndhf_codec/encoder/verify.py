@@ -41,9 +41,7 @@ def surface_distances(
     a_to_b = _directed(vertices_a, faces_a, vertices_b, faces_b, seed, samples)
     b_to_a = _directed(vertices_b, faces_b, vertices_a, faces_a, seed, samples)
     both = np.concatenate([a_to_b, b_to_a])
-    return Distances(
-        float(a_to_b.mean() + b_to_a.mean()) / 2, float(np.percentile(both, 99)), float(both.max())
-    )
+    return Distances(float(a_to_b.mean() + b_to_a.mean()) / 2, float(np.percentile(both, 99)), float(both.max()))
 
 
 def sample_surface(

@@ -66,8 +66,7 @@ class DhfRecord:
     def weights(self) -> list[npt.NDArray[np.float32]]:
         """The dequantised tensors, float32, shaped as `tensor_shapes` says."""
         return [
-            (s * step_size(code)).astype(np.float32)
-            for s, code in zip(self.symbols, self.step_codes, strict=True)
+            (s * step_size(code)).astype(np.float32) for s, code in zip(self.symbols, self.step_codes, strict=True)
         ]
 
 

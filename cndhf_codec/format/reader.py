@@ -179,9 +179,7 @@ def _read_records(body: bytes, n_dhfs: int) -> list[_Draft]:
         if not 1 <= width <= c.MAX_WIDTH:
             raise LimitError(f"DHF {i}: field width is {width}; 1 to {c.MAX_WIDTH} are allowed")
         if not 1 <= hidden <= c.MAX_HIDDEN_LAYERS:
-            raise LimitError(
-                f"DHF {i}: field hidden_layers is {hidden}; 1 to {c.MAX_HIDDEN_LAYERS} are allowed"
-            )
+            raise LimitError(f"DHF {i}: field hidden_layers is {hidden}; 1 to {c.MAX_HIDDEN_LAYERS} are allowed")
         n_codes = 2 * (hidden + 2)
         if len(body) < at + n_codes:
             raise SectionError(f"the records section ends inside DHF {i}")
