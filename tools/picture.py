@@ -64,11 +64,10 @@ def main(target: Path, sources: tuple[Path, ...], azimuth: float, elevation: flo
     figure, axes = plt.subplots(
         1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False
     )
-    first, _ = load(sources[0])
-    centre = (first.min(axis=0) + first.max(axis=0)) / 2
-    scale = np.linalg.norm(first - centre, axis=1).max()
     for axis, path in zip(axes[0], sources, strict=True):
         vertices, faces = load(path)
+        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        scale = np.linalg.norm(vertices - centre, axis=1).max()
         axis.imshow(shade((vertices - centre) / scale, faces, frame, size * 2))
         axis.set_title(f"{path.name}: {path.stat().st_size:,} bytes", fontsize=10)
         axis.axis("off")

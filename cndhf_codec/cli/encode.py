@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 # A larger share of unseen surface than this is worth a warning: it will be filled.
 UNSEEN = 0.02
+# Fewer rays than this that see a face from behind are rounding at silhouettes, not a hole.
+OPEN = 0.001
 
 
 @click.command(context_settings={"show_default": True})
@@ -106,7 +108,7 @@ def _warnings(report: Report) -> list[str]:
         )
     if report.flipped > 0:
         out.append(f"{100 * report.flipped:.1f} % of the surface faced inward and was turned round")
-    if report.unknown > 0:
+    if report.unknown > OPEN:
         out.append(
             f"the surface is open: {100 * report.unknown:.1f} % of the rays of one axis came in through a hole, "
             "which comes back closed"

@@ -61,7 +61,7 @@ class HeightTargets:
 def frame_for_axis(axis: npt.NDArray[np.float64], vertices: npt.NDArray[np.float64]) -> Frame:
     """Frame whose rotation takes `axis` to +z the shortest way, and the box of the rotated vertices."""
     x, y, z = axis / np.linalg.norm(axis)
-    # Half way between the identity and twice the turn; opposite to z every half turn is as short, take that about x.
+    # Half way between the identity and twice the turn. Opposite to z every half turn is as short: that about x.
     q = np.array([y, -x, 0.0, 1 + z] if z > -1 + 1e-12 else [1.0, 0.0, 0.0, 0.0])
     a, b, c, d = (int(k) for k in np.round(q / np.linalg.norm(q) * QUATERNION_ONE))
     uvz = vertices @ rotation_matrix((a, b, c, d)).T

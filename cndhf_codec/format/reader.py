@@ -246,14 +246,13 @@ def _decompress(body: bytes, size: int) -> bytes:
         said = "no size" if declared == zstandard.CONTENTSIZE_UNKNOWN else f"{declared} bytes"
         raise PayloadError(f"the weights frame declares {said}; the DHF records need {size} bytes")
     try:
-        worker = zstandard.ZstdDecompressor().decompressobj()
-        raw = worker.decompress(frame)
+        # In one call, into a buffer of the declared size: a frame whose blocks hold more than its header says
+        # stops there, where a stream would go on to gigabytes.
+        raw = zstandard.ZstdDecompressor().decompress(frame, allow_extra_data=False)
     except zstandard.ZstdError as exc:
         raise PayloadError(f"the weights section does not decompress ({exc})") from exc
-    if len(raw) != size or not worker.eof:
+    if len(raw) != size:
         raise PayloadError(f"the weights frame holds {len(raw)} bytes; the DHF records need {size} bytes")
-    if worker.unused_data:
-        raise PayloadError("the weights section goes on after its zstd frame")
     return raw
 
 

@@ -10,7 +10,7 @@ import zstandard
 
 from ..errors import OptionError
 from . import constants as c
-from .container import Container, DhfRecord, Metadata, Symbols
+from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
 from .reader import loads
 
 ZSTD_LEVEL = 22
@@ -71,6 +71,12 @@ def pack_symbols(dhfs: tuple[DhfRecord, ...]) -> bytes:
 
 
 def _record(dhf: DhfRecord) -> bytes:
+    # The reader cannot see these: it would read another container than this one.
+    if not all(0 <= code <= c.STEP_CODE_MASK for code in dhf.step_codes):
+        raise OptionError(f"a step code is outside 0 to {c.STEP_CODE_MASK}")
+    shapes = tensor_shapes(dhf.width, dhf.hidden_layers)
+    if [s.shape for s in dhf.symbols] != shapes or len(dhf.step_codes) != len(shapes):
+        raise OptionError(f"a DHF needs symbols of shapes {shapes} and a step code for each")
     codes = bytes(
         code | (c.STEP_WIDE if is_wide(s) else 0) for code, s in zip(dhf.step_codes, dhf.symbols, strict=True)
     )
@@ -102,15 +108,25 @@ def _compress(raw: bytes) -> bytes:
 def _metadata(meta: Metadata) -> bytes:
     out = b""
     if meta.encoder is not None:
-        out += _tlv(c.TAG_ENCODER, meta.encoder.encode())
+        out += _tlv(c.TAG_ENCODER, _utf8(meta.encoder))
     errors = (meta.mean_error, meta.p99_error, meta.max_error)
     if any(e is not None for e in errors):
         if any(e is None for e in errors):
             raise OptionError("metadata: give the mean, p99 and maximum error together or none of them")
-        out += _tlv(c.TAG_ERROR, struct.pack("<3f", *errors))
+        try:
+            out += _tlv(c.TAG_ERROR, struct.pack("<3f", *errors))
+        except OverflowError as exc:
+            raise OptionError(f"metadata: an error does not fit the format: {exc}") from exc
     if meta.source is not None:
-        out += _tlv(c.TAG_SOURCE, meta.source.encode())
+        out += _tlv(c.TAG_SOURCE, _utf8(meta.source))
     return out
+
+
+def _utf8(text: str) -> bytes:
+    try:
+        return text.encode()
+    except UnicodeEncodeError as exc:
+        raise OptionError(f"metadata: a text cannot be written as UTF-8: {exc}") from exc
 
 
 def _tlv(tag: int, value: bytes) -> bytes:

@@ -1,0 +1,108 @@
+"""The specification's walk-through against the code, and against a decoder written from the text alone."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+
+from cndhf_codec import loads
+from cndhf_codec.format import Container, DhfRecord, Metadata, dumps
+
+SPEC = Path(__file__).parent.parent / "spec" / "cndhf.md"
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    return SPEC.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def printed(text: str) -> bytes:
+    block = text.split("```")[1]
+    # A row is hex pairs, two or more spaces, a note.
+    return b"".join(bytes.fromhex(line.split("  ")[0]) for line in block.strip().splitlines())
+
+
+@pytest.fixture(scope="module")
+def heights(text: str) -> list[list[float]]:
+    rows = re.findall(r"^\| (-?[\d.]+), (-?[\d.]+) \| (-?[\d.]+) \| (-?[\d.]+) \|$", text, re.MULTILINE)
+    assert len(rows) == 2
+    return [[float(x) for x in row] for row in rows]
+
+
+def test_the_writer_gives_the_printed_bytes(printed: bytes) -> None:
+    def symbols(*rows: object) -> np.ndarray:
+        return np.array(rows, dtype=np.int32)
+
+    record = DhfRecord(
+        quaternion=(0, 0, 0, 32767),
+        box=(-8192, 8192, -4096, 4096, -8192, 8192),
+        width=1,
+        hidden_layers=1,
+        omega_first=30,
+        omega_hidden=30,
+        step_codes=(24, 24, 24, 24, 24, 4),
+        symbols=(symbols([1, 0]), symbols(0), symbols([-2]), symbols(300), symbols([3], [-3]), symbols(-1, 1)),
+    )
+    container = Container((10.0, 0.0, -2.5), 2.0, (record,), Metadata(encoder="spec"))
+    assert dumps(container).hex(" ") == printed.hex(" ")
+
+
+def test_the_reader_gives_the_printed_heights(printed: bytes, heights: list[list[float]]) -> None:
+    model = loads(printed)
+    for u, v, near, far in heights:
+        assert model.heights(0, [u, v]) == pytest.approx([near, far], abs=2e-6)
+
+
+def test_a_decoder_written_from_the_text_agrees(printed: bytes, heights: list[list[float]]) -> None:
+    assert printed[:8] == bytes.fromhex("8944 4846 0d0a 1a0a".replace(" ", ""))
+    assert struct.unpack("<I", printed[-4:])[0] == zlib.crc32(printed[:-4])
+    n_sections = printed[10]
+    sections, at = {}, 40 + 6 * n_sections
+    for i in range(n_sections):
+        kind, _, length = struct.unpack_from("<BBI", printed, 40 + 6 * i)
+        sections[kind] = printed[at : at + length]
+        at += length
+    record = sections[1]
+    width, hidden, omega_first, omega_hidden = record[22:26]
+    assert (width, hidden) == (1, 1)
+    raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + sections[2])
+    sizes = [2, 1, 1, 1, 2, 2]
+    low, high, tensors = 0, sum(sizes), []
+    for size, code in zip(sizes, record[26:], strict=True):
+        values = []
+        for j in range(size):
+            u = raw[low + j] + (256 * raw[high + j] if code & 0x80 else 0)
+            values.append((u // 2 if u % 2 == 0 else -(u + 1) // 2) * 2 ** (-(code & 0x7F) / 4))
+        low += size
+        high += size if code & 0x80 else 0
+        tensors.append(values)
+    W0, b0, W1, b1, W2, b2 = tensors
+    for u, v, near, far in heights:
+        x = math.sin(omega_first * (W0[0] * u + W0[1] * v + b0[0]))
+        x = math.sin(omega_hidden * (W1[0] * x + b1[0]))
+        assert W2[0] * x + b2[0] == pytest.approx(near, abs=2e-6)
+        assert W2[1] * x + b2[1] == pytest.approx(far, abs=2e-6)
+
+
+def test_the_printed_limits_are_the_code_s(text: str) -> None:
+    from cndhf_codec.format import constants as c
+
+    for sentence in (
+        f"Version {c.MAJOR}.{c.MINOR},",
+        f"1 to {c.MAX_DHFS} double height fields",
+        f"at most {c.MAX_FILE_SIZE:,} bytes",
+        f"| rows of the section table | 1 to {c.MAX_SECTIONS} |",
+        f"| neurons in each sine layer, w | 1 to {c.MAX_WIDTH} |",
+        f"| sine layers after the first, n | 1 to {c.MAX_HIDDEN_LAYERS} |",
+        f"at most {c.MAX_PARAMETERS:,} parameters",
+        f"norm of the four integers {c.QUATERNION_MIN_NORM} to {c.QUATERNION_MAX_NORM}",
+    ):
+        assert sentence in text
