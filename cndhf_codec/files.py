@@ -21,11 +21,15 @@ def read_bytes(path: str | os.PathLike[str], limit: int = -1) -> bytes:
 def check_output(path: str | os.PathLike[str], overwrite: bool) -> None:
     """Raise OutputError, before any work is done, when `path` could not be written at the end."""
     target = Path(path)
-    if target.is_dir():
+    try:
+        is_folder, has_folder, exists = target.is_dir(), target.absolute().parent.is_dir(), target.exists()
+    except OSError as exc:  # a name too long, a folder that may not be looked into
+        raise OutputError(f"{target}: cannot be written: {exc.strerror}") from exc
+    if is_folder:
         raise OutputError(f"{target}: is a folder; name a file")
-    if not target.absolute().parent.is_dir():
+    if not has_folder:
         raise OutputError(f"{target}: the folder does not exist; make it first")
-    if target.exists() and not overwrite:
+    if exists and not overwrite:
         raise OutputError(f"{target}: exists already; pass --overwrite (overwrite=True) to replace it")
 
 
@@ -33,8 +37,9 @@ def write_atomically(path: str | os.PathLike[str], data: bytes, overwrite: bool)
     """Write to a temporary file beside `path`, then rename it: readers see the old file or the new one."""
     check_output(path, overwrite)
     target = Path(path)
-    # Not the tempfile module: its files are private to their owner, and so would the result be.
-    temporary = target.absolute().parent / f".{target.name}.{secrets.token_hex(4)}.tmp"
+    # Not the tempfile module: its files are private to their owner, and so would the result be. The target's
+    # name is left out: together they could be longer than a name may be.
+    temporary = target.absolute().parent / f".{secrets.token_hex(8)}.cndhf.tmp"
     try:
         with open(temporary, "xb") as file:
             file.write(data)

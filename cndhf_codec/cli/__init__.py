@@ -6,9 +6,10 @@ Exit codes: 0 done, 1 failed (the line says why), 2 wrong arguments, 130 interru
 from __future__ import annotations
 
 import importlib
+import io
 import sys
 
-from ..errors import CndhfError, require
+from ..errors import CndhfError, OptionError, require
 
 
 def encode() -> None:
@@ -28,17 +29,27 @@ def info() -> None:
 
 def _run(name: str) -> int:
     program = f"cndhf-{name}"
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A file name that the terminal's encoding cannot say is no reason to fail when all is done.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         click = require("click", "encode" if name == "encode" else "mesh" if name == "decode" else "cli")
     except CndhfError as exc:
         return _fail(program, str(exc), 1)
+    # The first import of a submodule binds it to its name here, which is the console script's: put that back.
+    script = globals()[name]
     command = importlib.import_module(f".{name}", __name__).command
+    globals()[name] = script
     try:
         return int(command.main(prog_name=program, standalone_mode=False) or 0)
     except click.ClickException as exc:
         return _fail(program, f"{exc.format_message()} (see {program} --help)", exc.exit_code)
+    except OptionError as exc:
+        return _fail(program, f"{exc} (see {program} --help)", 2)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)
+    except OSError as exc:  # of the summary's output: files have errors of their own
+        return _fail(program, exc.strerror or str(exc), 1)
     except (KeyboardInterrupt, click.Abort):
         return _fail(program, "interrupted; nothing was written", 130)
     except MemoryError:

@@ -38,7 +38,12 @@ def _table(source: Path, info: dict[str, Any]) -> str:
             f"maximum {info['max_error']:.4g}"
         )
     if info["encoder"] is not None:
-        lines.append(f"written by {info['encoder']}")
+        lines.append(f"written by {_printable(info['encoder'])}")
     if info["source"] is not None:
-        lines.append(f"source {info['source']}")
+        lines.append(f"source {_printable(info['source'])}")
     return "\n".join(lines)
+
+
+def _printable(text: str) -> str:
+    """Text from a file, which may come from anyone, without what would move a terminal's cursor."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)

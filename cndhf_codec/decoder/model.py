@@ -25,8 +25,10 @@ class Model:
     Points go in, and surfaces and distances come out, in the coordinates and units of the mesh that was encoded.
     """
 
-    def __init__(self, container: fmt.Container) -> None:
+    def __init__(self, container: fmt.Container, size: int | None = None) -> None:
+        """size: bytes of the file that the container was read from, where it was."""
         self.container = container
+        self._size = size
         self._dhfs = [Dhf(record) for record in container.dhfs]
         self._centre = np.array(container.centre, dtype=np.float64)
 
@@ -35,7 +37,8 @@ class Model:
         """What the file holds: version-independent names, plain Python values, errors in input units."""
         c = self.container
         parameters = sum(d.parameters for d in c.dhfs)
-        size = len(self.dumps())
+        # A copy can have another size: sections that this version does not know, another zstd release.
+        size = len(self.dumps()) if self._size is None else self._size
         return {
             "bytes": size,
             "dhfs": [
@@ -124,7 +127,7 @@ class Model:
 
 def loads(data: bytes) -> Model:
     """Model from the bytes of a `.cndhf` file. Raises FormatError."""
-    return Model(fmt.loads(bytes(data)))
+    return Model(fmt.loads(bytes(data)), len(data))
 
 
 def load(path: str | os.PathLike[str]) -> Model:

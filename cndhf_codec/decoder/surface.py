@@ -41,11 +41,17 @@ def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTa
     """
     if not 8 <= resolution <= MAX_RESOLUTION:
         raise OptionError(f"resolution is {resolution}; 8 to {MAX_RESOLUTION} are allowed")
-    spacing = 4.0 / resolution  # first guess: as if the solid filled the largest possible box
-    lo, hi = _solid_bounds(dhfs, [HeightTable(d, spacing) for d in dhfs], spacing)
-    spacing = float((hi - lo).max()) / resolution
-    # Tables at half the grid's spacing: their own error then stays below that of marching cubes.
-    tables = [HeightTable(d, spacing / 2) for d in dhfs]
+    margin = 4.0 / resolution  # first guess of the spacing: as if the solid filled the largest possible box
+    lo, hi = _solid_bounds(dhfs, [HeightTable(d, margin) for d in dhfs], margin)
+    # Without the margins, so that `resolution` cells span the solid; a solid smaller than them keeps a tenth.
+    # Half a cell less, so that no node falls on the planes that bound the solid, where f is zero but for rounding.
+    size = float((hi - lo).max())
+    spacing = max(size - 2 * margin, size / 10) / (resolution - 0.5)
+    # Tables at half the grid's spacing: their own error then stays below that of marching cubes. The bound on
+    # their nodes is out of reach of a solid that fills its domain: it keeps a speck from asking for gigabytes.
+    tables = [
+        HeightTable(d, max(spacing / 2, float(np.ptp(d.bounds[:2], axis=1).max()) / (4 * resolution))) for d in dhfs
+    ]
     lo, hi = _solid_bounds(dhfs, tables, spacing)
     shape = np.ceil((hi - lo) / spacing).astype(int) + 3
     origin = (lo + hi) / 2 - (shape - 1) / 2 * spacing

@@ -42,7 +42,13 @@ def read_mesh(source: Any) -> Mesh:
     if isinstance(source, (str, os.PathLike)):
         return _checked(*_load(Path(source)), str(Path(source)))
     if isinstance(source, tuple) and len(source) == 2:
-        return _checked(np.asarray(source[0]), np.asarray(source[1]), "the mesh")
+        try:
+            vertices, faces = (np.asarray(part, dtype=np.float64) for part in source)
+        except (TypeError, ValueError) as exc:
+            raise MeshError("the mesh: vertices and faces must be arrays of numbers") from exc
+        if not np.array_equal(faces, np.floor(faces)):
+            raise MeshError("the mesh: a face names a vertex by a number that is not whole")
+        return _checked(vertices, faces, "the mesh")
     if hasattr(source, "geometry"):
         source = _flatten(source, "the scene")
     if hasattr(source, "vertices") and hasattr(source, "faces"):
@@ -54,9 +60,13 @@ def read_mesh(source: Any) -> Mesh:
 
 def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
     trimesh = require("trimesh", "encode")
-    if not path.exists():
+    try:
+        exists, is_folder = path.exists(), path.is_dir()
+    except OSError as exc:  # a name too long, a folder that may not be looked into
+        raise InputError(f"{path}: cannot be read: {exc.strerror}") from exc
+    if not exists:
         raise InputError(f"{path}: no such file")
-    if path.is_dir():
+    if is_folder:
         raise InputError(f"{path}: is a folder; name a mesh file")
     if path.suffix.lower() not in EXTENSIONS:
         raise InputError(f"{path}: unknown mesh extension; these are read: {', '.join(EXTENSIONS)}")
@@ -89,7 +99,8 @@ def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
         )
     vertices, faces = vertices.astype(np.float64), faces.astype(np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise MeshError(f"{name}: a face names vertex {faces.max()}, but there are {len(vertices)} vertices")
+        worst = faces.min() if faces.min() < 0 else faces.max()
+        raise MeshError(f"{name}: a face names vertex {worst}, but there are {len(vertices)} vertices")
     if not np.isfinite(vertices[np.unique(faces)]).all():
         raise MeshError(f"{name}: a vertex coordinate is NaN or infinite")
     positions, number = np.unique(vertices, axis=0, return_inverse=True)

@@ -1,0 +1,104 @@
+"""Samples of the solid in space, for the joint fit: points on its surface and points off it.
+
+The truth is what the chosen double height fields can say: the intersection of their exact height fields. A point of
+a hidden cavity counts as inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import require
+from .heights import Frame
+from .solid import Solid
+
+OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
+NEAR_SPREADS = (0.01, 0.04)  # standard deviations of the off-surface points' distance from the surface
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N points of the surface that some DHF sees, and M points off the surface; normalised frame.
+
+    surface: (N, 3) float32. seen: (N, K) whether DHF k sees the point. cosine: (N, K) float32 |normal . axis|.
+    space: (M, 3) float32. excluded: (M, K) whether DHF k's exact heights leave the point out. distance: (M,) float32
+    to the surface. A point of space is inside when no DHF excludes it.
+    """
+
+    surface: npt.NDArray[np.float32]
+    seen: npt.NDArray[np.bool_]
+    cosine: npt.NDArray[np.float32]
+    space: npt.NDArray[np.float32]
+    excluded: npt.NDArray[np.bool_]
+    distance: npt.NDArray[np.float32]
+
+
+def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Samples:
+    """`count` points of the surface, uniform by area, and as many of space: a half near the surface, a half uniform in
+    the intersection of the domain boxes, which is all the space that the DHFs can fill."""
+    igl: Any = require("igl", "encode")
+    rng = np.random.default_rng(seed)
+    axes = np.stack([f.rotation[2] for f in frames])
+    points, normals = surface_points(solid, count, rng)
+    seen = np.stack([visible_points(solid, points, normals, a) for a in axes], axis=1)
+    keep = seen.any(axis=1)
+
+    half = count // 2
+    spread = np.asarray(NEAR_SPREADS)[np.arange(half) % len(NEAR_SPREADS)]
+    near = points[rng.integers(len(points), size=half)] + rng.normal(size=(half, 3)) * spread[:, None]
+    space = np.concatenate([near, _in_boxes(frames, count - half, rng)])
+    space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
+    excluded = np.stack(
+        [(solid.first_hits(space, a) < 0) | (solid.first_hits(space, -a) < 0) for a in axes], axis=1
+    )
+    # A ray may leave the solid through a hole of the mesh: what is inside by vote is not excluded.
+    doubtful = np.flatnonzero(excluded.any(axis=1))
+    excluded[doubtful[solid.contains(space[doubtful])]] = False
+    squared = igl.point_mesh_squared_distance(space, solid.vertices, solid.faces)[0]
+    return Samples(
+        surface=points[keep].astype(np.float32),
+        seen=seen[keep],
+        cosine=np.abs(normals[keep] @ axes.T).astype(np.float32),
+        space=space.astype(np.float32),
+        excluded=excluded,
+        distance=np.sqrt(squared).astype(np.float32),
+    )
+
+
+def surface_points(
+    solid: Solid, count: int, rng: np.random.Generator
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """(count, 3) points uniform by area, in the order of the faces, and their outward normals."""
+    cumulative = np.cumsum(solid.areas)
+    face = np.sort(np.searchsorted(cumulative, rng.random(count) * cumulative[-1]))
+    face = np.minimum(face, len(cumulative) - 1)
+    r1, r2 = np.sqrt(rng.random(count)), rng.random(count)
+    weights = np.column_stack([1 - r1, r1 * (1 - r2), r1 * r2])
+    return np.einsum("nk,nkd->nd", weights, solid.vertices[solid.faces[face]]), solid.normals[face]
+
+
+def visible_points(
+    solid: Solid,
+    points: npt.NDArray[np.float64],
+    normals: npt.NDArray[np.float64],
+    axis: npt.NDArray[np.float64],
+) -> npt.NDArray[np.bool_]:
+    """(N,) whether nothing lies before a surface point on the side of the axis that it faces."""
+    toward = np.where((normals @ axis > 0)[:, None], axis, -axis)
+    return solid.first_hits(points + OFFSET * normals, toward) < 0
+
+
+def _in_boxes(frames: list[Frame], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    lo, hi = frames[0].bounds.T
+    parts: list[npt.NDArray[np.float64]] = []
+    while sum(map(len, parts)) < count:
+        p = (lo + rng.random((count, 3)) * (hi - lo)) @ frames[0].rotation
+        for f in frames[1:]:
+            uvz = p @ f.rotation.T
+            p = p[((uvz >= f.bounds[:, 0]) & (uvz <= f.bounds[:, 1])).all(axis=1)]
+        parts.append(p)
+    return np.concatenate(parts)[:count]
