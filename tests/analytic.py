@@ -1,0 +1,59 @@
+"""Hand-made models whose solid is known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cndhf_codec.decoder import Model
+from cndhf_codec.format import Container, DhfRecord
+from cndhf_codec.format.container import tensor_shapes
+
+NO_TURN = (0, 0, 0, 32767)
+ABOUT_X_180 = (32767, 0, 0, 0)  # the axis is -z
+ABOUT_Z_45 = (0, 0, 12539, 30273)
+ABOUT_Y_90 = (0, 23170, 0, 23170)
+
+
+def slab(lo: Sequence[float], hi: Sequence[float], quaternion: tuple[int, int, int, int] = NO_TURN) -> DhfRecord:
+    """A box in the DHF's frame: u and v from the domain box, z from a network whose heights are constant.
+
+    The corners are multiples of 2^-13, so that nothing is rounded. The domain is wider in z than the heights.
+    """
+    z = np.array([lo[2], hi[2]])
+    zeros = [np.zeros(s, np.int32) for s in tensor_shapes(1, 1)]
+    box = [lo[0], hi[0], lo[1], hi[1], lo[2] - 0.25, hi[2] + 0.25]
+    return DhfRecord(
+        quaternion=quaternion,
+        box=tuple(round(b * 2**14) for b in box),
+        width=1,
+        hidden_layers=1,
+        omega_first=30,
+        omega_hidden=30,
+        step_codes=(52,) * 6,  # steps of 2^-13
+        symbols=(*zeros[:5], np.round(z * 2**13).astype(np.int32)),
+    )
+
+
+def waves(seed: int, quaternion: tuple[int, int, int, int] = NO_TURN) -> DhfRecord:
+    """A smooth wavy plate with random folds, some 0.6 thick."""
+    rng = np.random.default_rng(seed)
+    width = 6
+    symbols = [np.rint(rng.uniform(-0.6, 0.6, s) * 2**9).astype(np.int32) for s in tensor_shapes(width, 1)]
+    symbols[4] = np.rint(rng.uniform(-0.08, 0.08, (2, width)) * 2**9).astype(np.int32)
+    symbols[5] = np.array([-0.3 * 2**9, 0.3 * 2**9], np.int32)
+    return DhfRecord(
+        quaternion=quaternion,
+        box=tuple(round(b * 2**14) for b in (-0.7, 0.8, -0.6, 0.7, -0.9, 0.9)),
+        width=width,
+        hidden_layers=1,
+        omega_first=5,
+        omega_hidden=2,
+        step_codes=(36,) * 6,  # steps of 2^-9
+        symbols=tuple(symbols),
+    )
+
+
+def model(*dhfs: DhfRecord, centre: tuple[float, float, float] = (0.0, 0.0, 0.0), scale: float = 1.0) -> Model:
+    return Model(Container(centre, scale, dhfs))

@@ -1,0 +1,347 @@
+"""The three commands: what they write and print, and one line and an exit code for whatever goes wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from cndhf_codec import cli, load
+
+BIN = Path(sys.executable).parent
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Runs a command in this process: (exit code, stdout, stderr)."""
+
+    def run(name: str, *arguments) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", [f"cndhf-{name}", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            getattr(cli, name)()
+        out, err = capsys.readouterr()
+        return caught.value.code, out, err
+
+    return run
+
+
+@pytest.fixture
+def fails(run, tmp_path):
+    """Runs a command that must fail with one line on stderr, nothing on stdout and no new file; gives the line."""
+
+    def fails(code: int, name: str, *arguments) -> str:
+        before = sorted(os.listdir(tmp_path))
+        got, out, err = run(name, *arguments)
+        assert "Traceback" not in err
+        assert err.startswith(f"cndhf-{name}: error: ")
+        assert len(err.splitlines()) == 1
+        assert (got, out) == (code, "")
+        assert sorted(os.listdir(tmp_path)) == before
+        return err
+
+    return fails
+
+
+@pytest.fixture
+def model(golden) -> Path:
+    return golden / "encoded.cndhf"
+
+
+@pytest.fixture
+def box(tmp_path) -> Path:
+    trimesh.creation.box((1, 0.5, 0.25)).export(tmp_path / "box.ply")
+    return tmp_path / "box.ply"
+
+
+@pytest.mark.usefixtures("tiny")
+def test_encode_decode_info(run, box, tmp_path):
+    target, mesh = tmp_path / "box.cndhf", tmp_path / "back.ply"
+    code, out, err = run(
+        "encode", box, target, "--preset", "fast", "--source-name", "--seed", "3", "--threads", "1"
+    )
+    assert (code, err) == (0, "")
+    assert f"{target}: {target.stat().st_size} bytes" in out
+    assert "error in input units" in out
+
+    code, out, err = run("decode", target, mesh, "--resolution", "32")
+    assert (code, err) == (0, "")
+    back = trimesh.load(mesh, process=False)
+    assert f"{mesh}: {len(back.faces)} triangles, watertight: yes" in out
+
+    code, out, err = run("info", target)
+    assert (code, err) == (0, "")
+    assert f"{target}: {target.stat().st_size} bytes" in out
+    assert "source box.ply" in out
+    assert "measured error" in out
+
+
+def test_info_as_json(run, model):
+    code, out, err = run("info", model, "--json")
+    info = json.loads(out)
+    assert (code, err) == (0, "")
+    assert info["bytes"] == model.stat().st_size
+    assert info["parameters"] == sum(d["parameters"] for d in info["dhfs"])
+    assert info["mean_error"] > 0
+
+
+@pytest.mark.parametrize("extension", ["ply", "obj", "stl", "off", "glb", "PLY"])
+def test_decode_to_every_extension(run, model, tmp_path, extension):
+    target = tmp_path / f"a.{extension}"
+    assert run("decode", model, target, "--resolution", "24")[0] == 0
+    mesh = trimesh.load(target, process=False, force="mesh")
+    if extension == "stl":
+        mesh.merge_vertices()  # an STL has no shared vertices
+    expected = load(model).to_mesh(24)
+    assert mesh.is_watertight
+    assert len(mesh.faces) == len(expected.faces)
+    assert mesh.volume == pytest.approx(expected.volume, rel=1e-4)
+    np.testing.assert_allclose(mesh.bounds, expected.bounds, atol=1e-4)
+
+
+def test_decode_to_an_occupancy_grid(run, model, tmp_path):
+    target = tmp_path / "grid.npz"
+    code, out, err = run("decode", model, "--occupancy", target, "--resolution", "20")
+    assert (code, err) == (0, "")
+    assert "grid.npz" in out
+    with np.load(target) as saved:
+        assert sorted(saved.files) == ["occupancy", "origin", "spacing"]
+        grid, origin, spacing = (saved[k] for k in ("occupancy", "origin", "spacing"))
+    assert (grid.dtype, grid.ndim, origin.shape, spacing.shape) == (bool, 3, (3,), ())
+    nodes = origin + spacing * np.stack(np.indices(grid.shape), axis=-1)
+    # The grid is made from a table of heights, so that nodes next to the surface may differ.
+    assert (grid == load(model).contains(nodes)).mean() > 0.99
+    assert (grid == load(model).contains(nodes + spacing / 2)).mean() < 0.98  # half a cell off would be seen
+
+
+def test_decode_to_both(run, model, tmp_path):
+    mesh, grid = tmp_path / "a.ply", tmp_path / "a.npz"
+    assert run("decode", model, mesh, "--occupancy", grid, "--resolution", "16")[0] == 0
+    assert mesh.exists()
+    assert grid.exists()
+
+
+@pytest.mark.usefixtures("tiny")
+def test_quiet(run, box, tmp_path):
+    target, mesh, grid = tmp_path / "a.cndhf", tmp_path / "a.ply", tmp_path / "a.npz"
+    assert run("encode", box, target, "--preset", "fast", "--quiet") == (0, "", "")
+    options = ["--occupancy", grid, "--resolution", "16", "--quiet"]
+    assert run("decode", target, mesh, *options) == (0, "", "")
+
+
+@pytest.mark.usefixtures("tiny")
+def test_warnings_stay_when_quiet(run, tmp_path):
+    mesh = trimesh.creation.box((1, 0.5, 0.25))
+    mesh.invert()
+    mesh.export(tmp_path / "inverted.ply")
+    code, out, err = run("encode", tmp_path / "inverted.ply", tmp_path / "a.cndhf", "--preset", "fast", "--quiet")
+    assert (code, out) == (0, "")
+    assert "100.0 % of the surface faced inward" in err
+
+
+def test_existing_outputs_are_kept(fails, model, box, tmp_path):
+    for name in ("a.ply", "a.npz", "a.cndhf"):
+        (tmp_path / name).write_text("precious")
+    for name, arguments in (
+        ("decode", [model, tmp_path / "a.ply"]),
+        ("decode", [model, "--occupancy", tmp_path / "a.npz"]),
+        ("decode", [model, tmp_path / "new.ply", "--occupancy", tmp_path / "a.npz"]),
+        ("encode", [box, tmp_path / "a.cndhf"]),
+    ):
+        assert "exists already; pass --overwrite" in fails(1, name, *arguments)
+    assert {(tmp_path / n).read_text() for n in ("a.ply", "a.npz", "a.cndhf")} == {"precious"}
+
+
+@pytest.mark.usefixtures("tiny")
+def test_overwrite(run, model, box, tmp_path):
+    for name in ("a.ply", "a.npz", "a.cndhf"):
+        (tmp_path / name).write_text("old")
+    arguments = [tmp_path / "a.ply", "--occupancy", tmp_path / "a.npz", "--resolution", "16", "--overwrite"]
+    assert run("decode", model, *arguments)[0] == 0
+    assert run("encode", box, tmp_path / "a.cndhf", "--preset", "fast", "--overwrite")[0] == 0
+    load(tmp_path / "a.cndhf")
+    assert trimesh.load(tmp_path / "a.ply").is_watertight
+
+
+def test_missing_input(fails, tmp_path):
+    gone = tmp_path / "gone"
+    assert "gone.ply: no such file" in fails(1, "encode", f"{gone}.ply", tmp_path / "a.cndhf")
+    assert "gone.cndhf: cannot be read" in fails(1, "decode", f"{gone}.cndhf", tmp_path / "a.ply")
+    assert "gone.cndhf: cannot be read" in fails(1, "info", f"{gone}.cndhf")
+    assert "Is a directory" in fails(1, "info", tmp_path)
+
+
+def test_missing_folder(fails, model, box, tmp_path):
+    assert "folder does not exist" in fails(1, "encode", box, tmp_path / "no" / "a.cndhf")
+    assert "folder does not exist" in fails(1, "decode", model, tmp_path / "no" / "a.ply")
+    assert "folder does not exist" in fails(1, "decode", model, "--occupancy", tmp_path / "no" / "a.npz")
+
+
+def test_damaged_and_foreign_input(fails, model, box, tmp_path):
+    damaged = tmp_path / "damaged.cndhf"
+    damaged.write_bytes(model.read_bytes()[:-9])
+    for name in ("decode", "info"):
+        rest = [tmp_path / "a.ply"] if name == "decode" else []
+        assert "damaged.cndhf: the file has" in fails(1, name, damaged, *rest)
+        assert "box.ply: this is not a .cndhf file" in fails(1, name, box, *rest)
+    assert "unknown mesh extension" in fails(1, "encode", model, tmp_path / "a.cndhf")
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("encode", [], "INPUT"),
+        ("encode", ["a.ply"], "OUTPUT"),
+        ("encode", ["a.ply", "a.cndhf", "--preset", "slow"], "slow"),
+        ("encode", ["a.ply", "a.cndhf", "--width", "wide"], "wide"),
+        ("encode", ["a.ply", "a.cndhf", "--width", "3"], "width is 3"),
+        ("encode", ["a.ply", "a.cndhf", "--axes", "0"], "axes is 0"),
+        ("encode", ["a.ply", "a.cndhf", "--threads", "0"], "threads is 0"),
+        ("encode", ["a.ply", "a.cndhf", "--seed", "-1"], "seed is -1"),
+        ("encode", ["a.ply", "a.cndhf", "--frobnicate"], "--frobnicate"),
+        ("encode", ["a.ply", "a.cndhf", "extra"], "extra"),
+        ("decode", ["MODEL"], "nothing to write"),
+        ("decode", ["MODEL", "a.step"], "unknown mesh extension"),
+        ("decode", ["MODEL", "a.ply", "--resolution", "7"], "resolution is 7"),
+        ("decode", ["MODEL", "a.ply", "--resolution", "many"], "many"),
+        ("info", [], "INPUT"),
+    ],
+)
+def test_wrong_arguments(fails, model, tmp_path, monkeypatch, name, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in fails(2, name, *(model if a == "MODEL" else a for a in arguments))
+
+
+@pytest.mark.parametrize("name", ["encode", "decode", "info"])
+def test_help_and_version(run, name):
+    code, out, err = run(name, "--help")
+    assert (code, err) == (0, "")
+    assert f"cndhf-{name}" in out
+    code, out, err = run(name, "--version")
+    assert (code, err) == (0, "")
+    assert "0." in out
+
+
+@pytest.mark.parametrize(
+    ("name", "gone", "extra"),
+    [
+        ("encode", "click", "encode"),
+        ("decode", "click", "mesh"),
+        ("info", "click", "cli"),
+        ("encode", "torch", "encode"),
+        ("encode", "trimesh", "encode"),
+        ("encode", "embreex", "encode"),
+        ("decode", "trimesh", "mesh"),
+        ("decode", "skimage", "mesh"),
+    ],
+)
+def test_missing_extra(model, box, tmp_path, name, gone, extra):
+    # In a fresh interpreter: nothing that this process has imported may stand in for the missing library.
+    arguments = {"encode": [box, tmp_path / "a.cndhf"], "decode": [model, tmp_path / "a.ply"], "info": [model]}[
+        name
+    ]
+    code = f"import sys; sys.modules[{gone!r}] = None; from cndhf_codec import cli; cli.{name}()"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    expected = (
+        f"cndhf-{name}: error: this needs {gone}, which is not installed; run: pip install 'cndhf-codec[{extra}]'"
+    )
+    assert done.stderr.splitlines() == [expected]
+
+
+@pytest.mark.usefixtures("tiny")
+@pytest.mark.parametrize("stage", ["read", "axes", "fit", "verify"])
+def test_an_interrupt_leaves_nothing_behind(fails_by_interrupt, box, tmp_path, stage):
+    fails_by_interrupt(stage, box, tmp_path / "a.cndhf")
+    assert os.listdir(tmp_path) == ["box.ply"]
+
+
+@pytest.fixture
+def fails_by_interrupt(run, monkeypatch):
+    from cndhf_codec.encoder.progress import Bar
+
+    def fails(stage: str, *arguments) -> None:
+        def interrupt(self, at, done, total, loss=float("nan")):
+            if at == stage:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(Bar, "__call__", interrupt)
+        code, out, err = run("encode", *arguments, "--preset", "fast")
+        assert (code, out) == (130, "")
+        assert err.split() == ["cndhf-encode:", "error:", "interrupted;", "nothing", "was", "written"]
+
+    return fails
+
+
+@pytest.mark.parametrize("exception", [MemoryError(), OSError(28, "No space left on device")])
+def test_other_failures_are_one_line_too(fails, monkeypatch, model, exception):
+    import cndhf_codec.decoder.model
+
+    def fail(_):
+        raise exception
+
+    monkeypatch.setattr(cndhf_codec.decoder.model, "load", fail)
+    fails(1, "info", model)
+
+
+def test_a_reader_that_goes_away_is_no_traceback(model):
+    # As `cndhf-info file | true`: the pipe is closed before the first line is written.
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [BIN / "cndhf-info", model], stdout=writer, stderr=subprocess.PIPE, text=True, check=False
+        )
+    finally:
+        os.close(writer)
+    assert "Traceback" not in done.stderr
+    assert done.returncode != 0
+
+
+def test_text_that_the_terminal_cannot_show(tmp_path, golden):
+    # The source name in this file has an umlaut; an ASCII terminal must not turn that into a failure.
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = subprocess.run(
+        [BIN / "cndhf-info", golden / "by-hand.cndhf"], capture_output=True, env=environment, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"source Ger" in done.stdout
+
+
+def test_names_that_are_not_utf8(tmp_path, model):
+    target = os.fsencode(tmp_path) + b"/\xff.ply"
+    command = [os.fsencode(BIN / "cndhf-decode"), os.fsencode(model), target, b"--resolution", b"16"]
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}  # strict, as in most people's terminals
+    done = subprocess.run(command, capture_output=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert os.path.exists(target)
+
+
+def test_text_in_a_file_cannot_drive_the_terminal(run, tmp_path):
+    import rawfile
+
+    data = rawfile.build(rawfile.sections(metadata=rawfile.entry(3, b"a\x1b[2Jb\nfake line")))
+    (tmp_path / "a.cndhf").write_bytes(data)
+    code, out, _ = run("info", tmp_path / "a.cndhf")
+    assert code == 0
+    assert "\x1b" not in out
+    assert "\nfake line" not in out
+
+
+@pytest.mark.parametrize("name", ["encode", "decode", "info"])
+def test_the_installed_script(name, tmp_path):
+    done = subprocess.run(
+        [BIN / f"cndhf-{name}", tmp_path / "no.cndhf", *([tmp_path / "a.ply"] if name != "info" else [])],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"cndhf-{name}: error: {tmp_path / 'no.cndhf'}: ")
+    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,62 @@
+"""Shared fixtures. This file also puts the folder on the path, for the helper modules beside it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.option.markexpr:
+        for item in items:
+            if item.get_closest_marker("slow"):
+                item.add_marker(pytest.mark.skip(reason="slow: run with -m slow"))
+
+
+@pytest.fixture(scope="session")
+def golden() -> Path:
+    return ROOT / "tests" / "golden"
+
+
+@pytest.fixture(scope="session")
+def bracket() -> Path:
+    return ROOT / "examples" / "bracket.ply"
+
+
+@pytest.fixture(scope="session")
+def creature() -> Path:
+    return ROOT / "examples" / "creature.ply"
+
+
+@pytest.fixture(scope="session")
+def corpus() -> Path:
+    folder = Path(os.environ.get("CNDHF_CORPUS", ROOT.parent / "shared" / "corpus"))
+    if not folder.is_dir():
+        pytest.skip(f"no mesh corpus at {folder}; name one in CNDHF_CORPUS")
+    return folder
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The `fast` preset becomes a second's work. Its models are rough: for tests that look at anything else."""
+    from cndhf_codec.encoder import pipeline, quantise, settings
+    from cndhf_codec.encoder.verify import surface_distances
+
+    small = replace(
+        settings.PRESETS["fast"],
+        max_axes=2,
+        width=8,
+        steps=150,
+        batch=512,
+        target_resolution=64,
+        verify_resolution=32,
+    )
+    monkeypatch.setitem(settings.PRESETS, "fast", small)
+    monkeypatch.setattr(quantise, "SAMPLES", 2**12)
+    monkeypatch.setattr(pipeline, "surface_distances", partial(surface_distances, samples=2000))

@@ -1,0 +1,63 @@
+"""Frozen files decode as on the day they were written.
+
+A file that is missing or changed is a failure: nothing here makes one. See golden/make.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cndhf_codec import load, loads
+
+NAMES = ["encoded.cndhf", "by-hand.cndhf"]
+
+
+@pytest.fixture(params=NAMES)
+def case(request, golden: Path) -> tuple[Path, dict]:
+    return golden / request.param, json.loads((golden / "expected.json").read_text("utf-8"))[request.param]
+
+
+def test_no_golden_file_was_added_or_lost(golden):
+    assert sorted(p.name for p in golden.glob("*.cndhf")) == sorted(NAMES)
+    assert sorted(json.loads((golden / "expected.json").read_text("utf-8"))) == sorted(NAMES)
+
+
+def test_the_file_is_unchanged(case):
+    path, expected = case
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == expected["sha256"]
+
+
+def test_stored_values(case):
+    path, expected = case
+    c = load(path).container
+    assert [list(c.centre), c.scale] == [expected["centre"], expected["scale"]]
+    m = c.metadata
+    assert [m.encoder, m.mean_error, m.p99_error, m.max_error, m.source] == expected["metadata"]
+    assert [list(d.step_codes) for d in c.dhfs] == expected["step_codes"]
+    symbols = b"".join(s.astype("<i4").tobytes() for d in c.dhfs for s in d.symbols)
+    assert hashlib.sha256(symbols).hexdigest() == expected["symbols_sha256"]
+
+
+def test_decoded_values(case):
+    path, expected = case
+    model = load(path)
+    for i, heights in enumerate(expected["heights"]):
+        np.testing.assert_allclose(model.heights(i, expected["uv"]), heights, atol=1e-4)
+    f = model.implicit(expected["points"])
+    np.testing.assert_allclose(f, expected["implicit"], atol=1e-4 * expected["scale"])
+    clear = np.abs(expected["implicit"]) > 1e-3 * expected["scale"]
+    assert np.array_equal(model.contains(expected["points"])[clear], (np.array(expected["implicit"]) > 0)[clear])
+    assert {True, False} == set(model.contains(expected["points"]).tolist())
+
+
+def test_writing_again_keeps_the_values(case):
+    path, expected = case
+    model = load(path)
+    again = loads(model.dumps())
+    assert np.array_equal(again.implicit(expected["points"]), model.implicit(expected["points"]))
+    assert again.container.metadata == model.container.metadata

@@ -1,0 +1,79 @@
+"""The network against the formula, in float64 and one neuron at a time."""
+
+from __future__ import annotations
+
+import math
+
+import analytic
+import numpy as np
+import pytest
+
+from cndhf_codec.decoder import network
+from cndhf_codec.decoder.dhf import Dhf
+from cndhf_codec.decoder.network import Network
+from cndhf_codec.decoder.table import HeightTable
+from cndhf_codec.format.container import tensor_shapes
+
+
+def by_hand(tensors, uv, omega_first, omega_hidden) -> list[float]:
+    x = [float(k) for k in uv]
+    pairs = list(zip(tensors[0::2], tensors[1::2], strict=True))
+    for layer, (W, b) in enumerate(pairs):
+        sums = [
+            sum(float(w) * k for w, k in zip(row, x, strict=True)) + float(c) for row, c in zip(W, b, strict=True)
+        ]
+        omega = omega_first if layer == 0 else omega_hidden
+        x = sums if layer == len(pairs) - 1 else [math.sin(omega * s) for s in sums]
+    return x
+
+
+@pytest.mark.parametrize(("width", "hidden"), [(1, 1), (7, 2), (12, 5)])
+def test_network_is_the_formula(width, hidden):
+    rng = np.random.default_rng(width)
+    # Magnitudes of a fitted SIREN: large arguments of the sine would lose float32 precision on any machine.
+    tensors = [rng.uniform(-1, 1, s).astype(np.float32) / max(s[-1], 4) for s in tensor_shapes(width, hidden)]
+    uv = rng.uniform(-1, 1, (40, 2)).astype(np.float32)
+    got = Network(tensors, 30, 11)(uv)
+    assert got.shape == (40, 2)
+    assert got.dtype == np.float32
+    np.testing.assert_allclose(got, [by_hand(tensors, p, 30, 11) for p in uv], atol=2e-4)
+
+
+def test_chunks_join_seamlessly(monkeypatch):
+    dhf = Dhf(analytic.waves(1))
+    uv = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 2)).astype(np.float32)
+    whole = dhf.network(uv)
+    monkeypatch.setattr(network, "CHUNK", 7)
+    np.testing.assert_allclose(dhf.network(uv), whole, atol=1e-6)
+
+
+def test_no_points():
+    assert Dhf(analytic.waves(1)).network(np.empty((0, 2), np.float32)).shape == (0, 2)
+
+
+def test_heights_are_those_of_the_nearest_point_of_the_domain():
+    m = analytic.model(analytic.waves(2))
+    (u0, u1), (v0, v1), _ = m.container.dhfs[0].bounds
+    assert m.heights(0, [u1 + 5, v0 - 3]).tolist() == m.heights(0, [u1, v0]).tolist()
+    assert m.heights(0, [u0 - 0.1, 0.1]).tolist() == m.heights(0, [u0, 0.1]).tolist()
+    assert m.heights(0, [0.1, v1 + 0.1]).tolist() != m.heights(0, [0.1, v1 - 0.1]).tolist()
+
+
+def test_table_is_close_to_the_network_and_exact_at_its_nodes():
+    dhf = Dhf(analytic.waves(3))
+    uv = np.random.default_rng(0).uniform(-1, 1, (2000, 2)).astype(np.float32)  # some outside the domain
+    exact = dhf.heights(uv)
+    errors = [np.abs(HeightTable(dhf, spacing)(uv) - exact).max() for spacing in (0.08, 0.04, 0.02)]
+    # Bilinear: half the spacing is a quarter of the error.
+    assert errors[0] < 0.02
+    assert errors[1] < errors[0] / 2.5
+    assert errors[2] < errors[1] / 2.5
+    table = HeightTable(dhf, 0.1)
+    np.testing.assert_allclose(table(table.uv), table.values, atol=1e-5)
+
+
+def test_table_nodes_are_no_farther_apart_than_asked_and_reach_the_edge():
+    table = HeightTable(Dhf(analytic.waves(3)), 0.4)
+    u = np.unique(table.uv[:, 0])
+    assert np.diff(u).max() <= 0.4
+    assert (u[0], u[-1]) == pytest.approx((-0.7, 0.8), abs=1e-4)

@@ -1,0 +1,221 @@
+"""Surfaces and occupancy grids of solids whose volume and extent are known."""
+
+from __future__ import annotations
+
+import math
+
+import analytic
+import numpy as np
+import pytest
+from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, slab
+from scipy.spatial import cKDTree
+
+from cndhf_codec.decoder import surface
+from cndhf_codec.errors import OptionError, SurfaceError
+from cndhf_codec.format import DhfRecord
+
+LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
+
+
+def check_closed(mesh, bodies: int = 1) -> None:
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    assert mesh.body_count == bodies
+    assert len(np.unique(mesh.faces)) == len(mesh.vertices)
+
+
+@pytest.mark.parametrize("resolution", [8, 20, 33, 64])
+def test_box(resolution):
+    mesh = analytic.model(slab(LO, HI)).to_mesh(resolution)
+    check_closed(mesh)
+    spacing = 0.75 / resolution
+    # Faces are exact; only the edges and corners are cut, by less than a cell.
+    np.testing.assert_allclose(mesh.bounds, [LO, HI], atol=0.02 * spacing)
+    edges = 4 * (HI - LO).sum()
+    assert 0 < np.prod(HI - LO) - mesh.volume < edges * spacing**2
+
+
+@pytest.mark.parametrize("quaternion", [ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, (9000, -14000, 20000, 20000)])
+def test_turned_box(quaternion):
+    m = analytic.model(slab(LO, HI, quaternion))
+    mesh = m.to_mesh(64)
+    check_closed(mesh)
+    uvz = mesh.vertices @ m.container.dhfs[0].rotation.T
+    np.testing.assert_allclose([uvz.min(axis=0), uvz.max(axis=0)], [LO, HI], atol=0.75 / 64)
+    assert mesh.volume == pytest.approx(np.prod(HI - LO), rel=0.01)
+
+
+def test_two_slabs_are_an_octagonal_prism():
+    a = 0.25
+    square, turned = slab((-a, -a, -0.5), (a, a, 0.5)), slab((-a, -a, -0.5), (a, a, 0.5), ABOUT_Z_45)
+    mesh = analytic.model(square, turned).to_mesh(96)
+    check_closed(mesh)
+    assert mesh.volume == pytest.approx(8 * (math.sqrt(2) - 1) * a**2, rel=0.005)
+    np.testing.assert_allclose(mesh.extents, [2 * a, 2 * a, 1], atol=0.01)
+
+
+def test_one_dhf_cuts_a_piece_of_another():
+    mesh = analytic.model(slab(LO, HI), slab((-0.125, -1, -1), (1, 0.25, 1))).to_mesh(48)
+    check_closed(mesh)
+    np.testing.assert_allclose(mesh.bounds, [[-0.125, -0.25, -0.125], [0.25, 0.25, 0.375]], atol=1e-3)
+
+
+def test_input_coordinates():
+    centre, scale = np.array([1e6, -2e6, 3e6]), 400.0
+    mesh = analytic.model(slab(LO, HI), centre=tuple(centre), scale=scale).to_mesh(32)
+    check_closed(mesh)
+    np.testing.assert_allclose(mesh.bounds, np.array([LO, HI]) * scale + centre, atol=0.2)
+
+
+def test_flat_and_long_solids():
+    mesh = analytic.model(slab((-1, -0.0078125, -0.0078125), (1, 0.0078125, 0.0078125))).to_mesh(512)
+    check_closed(mesh)
+    np.testing.assert_allclose(mesh.extents, [2, 2**-6, 2**-6], atol=1e-4)
+
+
+def test_a_through_hole_comes_out_of_crossing_heights():
+    model = ring()
+    mesh = model.to_mesh(64)
+    check_closed(mesh)
+    assert mesh.euler_number == 0  # a torus
+    assert not model.contains([0, 0, 0])
+
+
+def ring():
+    """far = -near = 0.75 - 0.5 (cos 2u + cos 2v): a plate with a hole where that is negative."""
+    one = 2**9
+    # With omega 2, layer 0 is sin(2u + pi/2), sin(2v + pi/2); layer 1 is about 0.1 times their sum, which is
+    # small enough for sine to be the identity.
+    w0 = np.array([[one, 0], [0, one]], np.int32)
+    b0 = np.full(2, round(math.pi / 4 * one), np.int32)
+    w1 = np.array([[round(0.05 * one), round(0.05 * one)], [0, 0]], np.int32)
+    w2 = np.array([[5 * one, 0], [-5 * one, 0]], np.int32)
+    b2 = np.array([-round(0.75 * one), round(0.75 * one)], np.int32)
+    record = DhfRecord(
+        quaternion=(0, 0, 0, 32767),
+        box=(-16384, 16384, -16384, 16384, -16384, 16384),
+        width=2,
+        hidden_layers=1,
+        omega_first=2,
+        omega_hidden=2,
+        step_codes=(36,) * 6,
+        symbols=(w0, b0, w1, np.zeros(2, np.int32), w2, b2),
+    )
+    return analytic.model(record)
+
+
+def wavy():
+    return analytic.model(analytic.waves(7), analytic.waves(8, ABOUT_Y_90))
+
+
+def test_slabs_join_into_the_mesh_of_one_slab(monkeypatch):
+    whole = wavy().to_mesh(24)
+    monkeypatch.setattr(surface, "SLAB_POINTS", 1)  # two planes at a time
+    parts = wavy().to_mesh(24)
+    assert whole.is_watertight
+    assert parts.is_watertight
+    assert len(whole.vertices) == len(parts.vertices)
+    distance, number = cKDTree(whole.vertices).query(parts.vertices)
+    assert distance.max() < 1e-6
+    assert len(np.unique(number)) == len(number)
+    assert triangles(whole.faces) == triangles(number[parts.faces])
+
+
+def triangles(faces) -> set[tuple[int, ...]]:
+    """Each triangle from its lowest vertex on, so that only the orientation matters."""
+    return {tuple(int(x) for x in np.roll(f, -int(np.argmin(f)))) for f in faces}
+
+
+def test_vertices_lie_on_the_surface():
+    m = wavy()
+    mesh = m.to_mesh(40)
+    spacing = mesh.extents.max() / 40
+    f = np.abs(m.implicit(mesh.vertices)) / spacing
+    # Across a crease f has a kink, and a few steps of root finding do not end on it.
+    assert np.percentile(f, 90) < 2e-3
+    assert np.percentile(f, 99) < 0.05
+    # Half a spacing along the normal is inside or outside.
+    shift = 0.5 * spacing * mesh.vertex_normals
+    assert m.contains(mesh.vertices - shift).mean() > 0.98
+    assert m.contains(mesh.vertices + shift).mean() < 0.02
+
+
+def test_finer_grids_converge_to_one_volume():
+    volumes = [ring().to_mesh(r).volume for r in (24, 48, 96)]
+    assert abs(volumes[2] - volumes[1]) < abs(volumes[1] - volumes[0]) / 2
+
+
+def test_occupancy_agrees_with_contains():
+    m = analytic.model(analytic.waves(7), analytic.waves(8, ABOUT_Y_90), centre=(10, 20, 30), scale=5)
+    grid, origin, spacing = m.occupancy(40)
+    assert grid.dtype == bool
+    nodes = origin + spacing * np.stack(np.indices(grid.shape), axis=-1)
+    f = m.implicit(nodes)
+    clear = np.abs(f) > 0.1 * spacing  # nearer than that the height table may differ
+    assert clear.mean() > 0.9
+    assert np.array_equal(grid[clear], f[clear] >= 0)
+    # The grid holds the whole solid, with `resolution` cells along its longest side.
+    assert not any(grid.take(k, axis).any() for axis in range(3) for k in (0, -1))
+    assert m.to_mesh(40).extents.max() == pytest.approx(40 * spacing, rel=0.1)
+
+
+def test_occupancy_of_a_box_has_its_place_and_volume():
+    grid, origin, spacing = analytic.model(slab(LO, HI), centre=(7, 8, 9), scale=2).occupancy(60)
+    inside = origin + spacing * np.argwhere(grid)
+    # A node represents the cell around it.
+    np.testing.assert_allclose(inside.min(axis=0), LO * 2 + [7, 8, 9], atol=spacing)
+    np.testing.assert_allclose(inside.max(axis=0), HI * 2 + [7, 8, 9], atol=spacing)
+    assert spacing == pytest.approx(1.5 / 60, rel=0.05)
+    assert grid.sum() * spacing**3 == pytest.approx(np.prod(2 * (HI - LO)), rel=0.1)
+
+
+def test_occupancy_in_slabs(monkeypatch):
+    whole, _, _ = wavy().occupancy(24)
+    monkeypatch.setattr(surface, "SLAB_POINTS", 1)
+    parts, _, _ = wavy().occupancy(24)
+    assert np.mean(whole != parts) < 1e-3
+
+
+@pytest.mark.parametrize("resolution", [-1, 0, 7, 2049])
+def test_resolution_limits(resolution):
+    m = analytic.model(slab(LO, HI))
+    with pytest.raises(OptionError, match=f"resolution is {resolution}"):
+        m.to_mesh(resolution)
+    with pytest.raises(OptionError, match=f"resolution is {resolution}"):
+        m.occupancy(resolution)
+
+
+@pytest.mark.parametrize(
+    "dhfs",
+    [
+        [slab((-0.5, -0.5, 0.25), (0.5, 0.5, -0.25))],  # far below near everywhere
+        [slab((-1, -1, -1), (-0.5, 1, 1)), slab((0.5, -1, -1), (1, 1, 1))],
+    ],
+    ids=["crossed", "apart"],
+)
+def test_empty_solids(dhfs):
+    m = analytic.model(*dhfs)
+    assert not m.contains(np.random.default_rng(0).uniform(-1, 1, (1000, 3))).any()
+    with pytest.raises(SurfaceError, match="empty"):
+        m.to_mesh(32)
+
+
+def test_a_speck_in_a_large_domain_does_not_ask_for_a_huge_table():
+    # The boxes overlap in a cube of 1/512 at one corner each. Tables at half a cell would have 10^8 nodes.
+    tiny = 2**-9
+    a, b = slab((-1, -1, -1), (0, 0, 0)), slab((-tiny, -tiny, -tiny), (1, 1, 1))
+    m = analytic.model(a, b)
+    nodes = []
+    original = surface.HeightTable.__init__
+
+    def counted(self, dhf, spacing):
+        size = (dhf.bounds[:2, 1] - dhf.bounds[:2, 0]) / spacing
+        assert np.prod(size) < 10**7, "a height table of that size would not fit into memory"
+        nodes.append(np.prod(size))
+        original(self, dhf, spacing)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(surface.HeightTable, "__init__", counted)
+        m.to_mesh(64)
+    assert nodes

@@ -1,0 +1,202 @@
+"""Encodes from end to end: what comes back, what is reported about it, and that it repeats."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from cndhf_codec import encode, loads
+from cndhf_codec.encoder import settings
+from cndhf_codec.encoder.pipeline import encode_with_report
+from cndhf_codec.errors import InputError, MeshError, OptionError
+
+# A fiftieth of the work of the default preset, and good to about a hundredth of the size.
+SMALL = replace(
+    settings.PRESETS["fast"],
+    max_axes=2,
+    width=12,
+    steps=500,
+    batch=1024,
+    target_resolution=192,
+    verify_resolution=96,
+)
+
+
+@pytest.fixture(scope="module", params=["bracket", "creature"])
+def encoded(request):
+    """(input, model, report) of each example."""
+    path = request.getfixturevalue(request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(settings.PRESETS, "fast", SMALL)
+        return trimesh.load(path), *encode_with_report(path, "fast", seed=1, threads=2, source_name=True)
+
+
+def test_the_decoded_mesh_is_the_input_in_place_size_and_form(encoded):
+    truth, model, _ = encoded
+    mesh = loads(model.dumps()).to_mesh(96)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.body_count == 1
+    assert mesh.euler_number == truth.euler_number  # the bracket's five holes go through
+    np.testing.assert_allclose(mesh.bounds, truth.bounds, atol=0.01 * np.linalg.norm(truth.extents))
+    assert mesh.volume == pytest.approx(truth.volume, rel=0.05)
+
+
+def test_inside_is_inside(encoded):
+    truth, model, _ = encoded
+    lo, hi = truth.bounds
+    points = np.random.default_rng(0).uniform(lo, hi, (2000, 3))
+    assert (model.contains(points) == truth.contains(points)).mean() > 0.97
+
+
+def exact_distances(points, mesh) -> np.ndarray:
+    """Point-to-triangle distances without igl: exact on the faces of the nearest of many surface samples."""
+    samples, face = trimesh.sample.sample_surface(mesh, 100_000, seed=7)
+    near = face[cKDTree(samples).query(points, k=15)[1]]
+    closest = trimesh.triangles.closest_point(mesh.triangles[near.ravel()], np.repeat(points, 15, axis=0))
+    return np.linalg.norm(closest.reshape(-1, 15, 3) - points[:, None], axis=2).min(axis=1)
+
+
+def test_the_reported_error_is_that_of_the_decoded_mesh(encoded):
+    truth, model, report = encoded
+    mesh = loads(model.dumps()).to_mesh(SMALL.verify_resolution)
+    there = exact_distances(trimesh.sample.sample_surface(truth, 20_000, seed=8)[0], mesh)
+    back = exact_distances(trimesh.sample.sample_surface(mesh, 20_000, seed=9)[0], truth)
+    d = report.distances
+    assert d.chamfer == pytest.approx((there.mean() + back.mean()) / 2, rel=0.05)
+    assert d.p99 == pytest.approx(np.percentile(np.concatenate([there, back]), 99), rel=0.1)
+    assert d.p99 < d.maximum < 0.1 * report.diagonal
+    assert d.chamfer < 0.005 * report.diagonal
+    assert report.normalised.chamfer == pytest.approx(d.chamfer / model.container.scale)
+
+
+def test_metadata(encoded):
+    _, model, report = encoded
+    m = loads(model.dumps()).container.metadata
+    d = report.distances
+    assert (m.mean_error, m.p99_error, m.max_error) == pytest.approx((d.chamfer, d.p99, d.maximum), rel=1e-3)
+    assert m.encoder.startswith("cndhf-codec ")
+    assert m.source in ("bracket.ply", "creature.ply")
+
+
+def test_report(encoded):
+    truth, model, report = encoded
+    assert (report.faces, report.dropped_faces, report.flipped, report.unknown) == (len(truth.faces), 0, 0, 0)
+    assert report.diagonal == pytest.approx(np.linalg.norm(truth.extents))
+    assert 0.9 < report.covered <= report.visible <= 1
+    assert set(report.seconds) == {"read", "axes", "heights", "fit", "quantise", "verify"}
+    assert len(model.dumps()) < 4000
+
+
+def test_an_open_mesh_comes_back_closed():
+    sphere = trimesh.creation.icosphere(4)
+    # The cap above z = 0.8 is missing: a hole of radius 0.6.
+    open_sphere = trimesh.Trimesh(sphere.vertices, sphere.faces[sphere.triangles_center[:, 2] < 0.8], process=False)
+    assert not open_sphere.is_watertight
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(settings.PRESETS, "fast", replace(SMALL, steps=300, verify_resolution=48))
+        model, _ = encode_with_report(open_sphere, "fast", threads=2)
+    mesh = model.to_mesh(48)
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
+    assert mesh.euler_number == 2  # no tunnel from the hole through the other side
+    cap = np.pi * 0.2**2 * (3 - 0.2) / 3
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi - cap, rel=0.06)
+
+
+@pytest.fixture
+def part():
+    """A small mesh that needs two axes: an L with a bar across."""
+    a, b = trimesh.creation.box((1, 0.3, 0.4)), trimesh.creation.box((0.3, 0.3, 1.2))
+    b.apply_translation([0.35, 0, 0.5])
+    return a.union(b)
+
+
+@pytest.mark.usefixtures("tiny")
+def test_equal_seeds_give_equal_bytes_whatever_the_threads(part):
+    one = encode(part, "fast", seed=5, threads=1).dumps()
+    assert encode(part, "fast", seed=5, threads=2).dumps() == one
+    assert encode(part, "fast", seed=5).dumps() == one
+    assert encode(part, "fast", seed=6, threads=1).dumps() != one
+
+
+@pytest.mark.usefixtures("tiny")
+def test_kinds_of_source_give_one_result(part, tmp_path):
+    part.export(tmp_path / "part.ply")
+    from_file = encode(tmp_path / "part.ply", "fast")
+    reread = trimesh.load(tmp_path / "part.ply", process=False)
+    assert from_file.dumps() == encode(reread, "fast").dumps()
+    assert from_file.dumps() == encode((reread.vertices, reread.faces), "fast").dumps()
+    assert from_file.container.metadata.source is None  # only when asked
+
+
+@pytest.mark.usefixtures("tiny")
+def test_place_and_size_do_not_matter(part):
+    # Powers of two and coordinates on a lattice: nothing is rounded, so that the fits are equal to the bit.
+    vertices = np.round(part.vertices * 2**10) / 2**10
+    moved = vertices * 1024 + [2.0**20, 0, -(2.0**21)]
+    a, b = encode((vertices, part.faces), "fast"), encode((moved, part.faces), "fast")
+    assert b.container.scale == 1024 * a.container.scale
+    assert b.container.centre == tuple(np.array(a.container.centre) * 1024 + [2.0**20, 0, -(2.0**21)])
+    assert b.container.metadata.mean_error == pytest.approx(1024 * a.container.metadata.mean_error, rel=1e-3)
+    for x, y in zip(a.container.dhfs, b.container.dhfs, strict=True):
+        assert (x.quaternion, x.box, x.step_codes) == (y.quaternion, y.box, y.step_codes)
+        assert all(np.array_equal(s, t) for s, t in zip(x.symbols, y.symbols, strict=True))
+
+
+@pytest.mark.usefixtures("tiny")
+def test_options_reach_the_model(part):
+    model = encode(part, "fast", axes=1, width=9)
+    assert [(d.width, d.hidden_layers) for d in model.container.dhfs] == [(9, 5)]
+
+
+@pytest.mark.usefixtures("tiny")
+def test_progress_goes_through_the_stages_in_order(part):
+    seen = []
+    encode(part, "fast", progress=lambda stage, done, total, loss=np.nan: seen.append((stage, done, total)))
+    stages = list(dict.fromkeys(stage for stage, _, _ in seen))
+    assert stages == ["read", "axes", "heights", "fit", "quantise", "verify"]
+    for stage in stages:
+        steps = [(done, total) for s, done, total in seen if s == stage]
+        assert steps[0][0] == 0
+        assert steps[-1][0] == steps[-1][1]
+        assert [d for d, _ in steps] == sorted(d for d, _ in steps)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"preset": "slow"}, "preset"),
+        ({"axes": 0}, "axes"),
+        ({"width": 1000}, "width"),
+        ({"threads": 0}, "threads"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 2**32}, "seed"),
+        ({"device": "tpu"}, "device"),
+    ],
+)
+def test_options_are_checked_before_the_mesh_is_read(options, message):
+    with pytest.raises(OptionError, match=message):
+        encode("no such file.ply", **options)
+
+
+def test_meshes_that_bound_no_solid(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        encode(tmp_path / "gone.ply")
+    with pytest.raises(MeshError):
+        encode((np.zeros((3, 3)), [[0, 1, 2]]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rocker-arm", "stanford-bunny"])
+def test_corpus(corpus, name):
+    truth = trimesh.load(corpus / f"{name}.ply")
+    mesh = encode(corpus / f"{name}.ply", "fast").to_mesh(256)
+    assert mesh.is_watertight
+    np.testing.assert_allclose(mesh.bounds, truth.bounds, atol=0.005 * np.linalg.norm(truth.extents))
+    volumes = sorted(abs(p.volume) for p in mesh.split(only_watertight=False))
+    assert sum(volumes[:-1]) <= 0.001 * volumes[-1]

@@ -1,0 +1,44 @@
+"""Presets, and the options that change them."""
+
+from __future__ import annotations
+
+import pytest
+
+from cndhf_codec.encoder.settings import PRESETS, settings_for
+from cndhf_codec.errors import OptionError
+
+
+def test_presets():
+    assert list(PRESETS) == ["paper", "fast", "default", "best"]
+    # What the paper prints.
+    paper = settings_for("paper")
+    assert (paper.coverage, paper.rarity, paper.omega, paper.hidden_layers) == (0.999, "printed", 30, 5)
+    assert (paper.margin, paper.laplacian, paper.max_axes) == (0.1, 10, None)
+
+
+def test_more_work_in_better_presets():
+    work = [PRESETS[p].steps * PRESETS[p].width for p in ("fast", "default", "best")]
+    assert work == sorted(work)
+
+
+def test_options_change_only_what_they_name():
+    changed = settings_for("fast", axes=5, width=11)
+    assert (changed.max_axes, changed.width) == (5, 11)
+    assert changed.steps == PRESETS["fast"].steps
+    assert settings_for("fast") == PRESETS["fast"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("slow",), "preset is 'slow'; there are paper, fast, default, best"),
+        (("fast", 0), "axes is 0"),
+        (("fast", -1), "axes is -1"),
+        (("fast", 65), "axes is 65; 1 to 64"),
+        (("fast", None, 3), "width is 3; 4 to 128"),
+        (("fast", None, 129), "width is 129"),
+    ],
+)
+def test_out_of_range(arguments, message):
+    with pytest.raises(OptionError, match=message):
+        settings_for(*arguments)
