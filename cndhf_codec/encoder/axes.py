@@ -56,9 +56,7 @@ def visibility(solid: Solid, directions: npt.NDArray[np.float64], seed: int, thr
     return np.stack(rows)
 
 
-def effective_area(
-    areas: npt.NDArray[np.float64], seen: npt.NDArray[np.bool_], rarity: str
-) -> npt.NDArray[np.float64]:
+def effective_area(areas: npt.NDArray[np.float64], seen: npt.NDArray[np.bool_], rarity: str) -> npt.NDArray[np.float64]:
     """(M,) area weighted by how many candidates see the triangle; 0 where none does.
 
     rarity "printed": area max(n / mean(n), 1), the paper's formula. "inverse": area max(mean(n) / n, 1), what

@@ -9,7 +9,6 @@ Every sample is answered for by one height of one DHF, the active one:
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +19,7 @@ from .siren import heights
 
 MARGIN = 0.02  # most that f shall differ from zero off the surface (normalised units)
 NEAR = 0.01  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
+LOOK_AT_ONCE = 2**16
 FAR = 1e3  # stands for "no such DHF"
 
 Network = list[torch.Tensor]
@@ -29,14 +29,15 @@ Network = list[torch.Tensor]
 class Terms:
     """What a batch of B samples costs.
 
-    cost: (B,) loss of each sample. argument: (B,) signed distance (surface) or argument of the hinge (space).
-    weight: (B,) d cost / d |argument| where it is not zero. dhf: (B,) active DHF. side: (B,) its active height, 0 near,
-    1 far. uv: one (B, 2) tensor a DHF.
+    cost: (B,) loss of each sample. argument: (B,) f (surface) or argument of the hinge (space). weight: (B,)
+    d cost / d |argument| where it is not zero. error: (B,) by how much the active height is too high. dhf: (B,) active
+    DHF. side: (B,) its active height, 0 near, 1 far. uv: one (B, 2) tensor a DHF.
     """
 
     cost: torch.Tensor
     argument: torch.Tensor
     weight: torch.Tensor
+    error: torch.Tensor
     dhf: torch.Tensor
     side: torch.Tensor
     uv: list[torch.Tensor]
@@ -58,6 +59,7 @@ class Composite:
         self._cosine = self._put(samples.cosine)
         self._excluded = torch.from_numpy(samples.excluded).to(device)
         self._inside = ~self._excluded.any(dim=1)
+        self._violations = torch.empty(0, dtype=torch.int64)
         distance = self._put(samples.distance)
         self._margin = (distance / 2).clamp(max=MARGIN)
         self._weight = 1 + distance / NEAR
@@ -65,16 +67,34 @@ class Composite:
         for x, lo, hi in zip(self._space, self._lo, self._hi, strict=True):
             self._margin[((x < lo) | (x > hi)).any(dim=1) & ~self._inside] = -FAR
 
-    def terms(
-        self, networks: list[Network], surface: torch.Tensor, space: torch.Tensor, pool: Executor | None
-    ) -> Terms:
+    def draw(self, n_surface: int, n_space: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """Indices of a random batch; half of its space samples are among those that `look_for_violations` found."""
+        surface = torch.randint(self.n_surface, (n_surface,), generator=generator)
+        space = torch.randint(self.n_space, (n_space,), generator=generator)
+        if len(self._violations):
+            half = n_space // 2
+            space[:half] = self._violations[torch.randint(len(self._violations), (half,), generator=generator)]
+        return surface.to(self.device), space.to(self.device)
+
+    def look_for_violations(self, networks: list[Network]) -> None:
+        """Find the space samples on the wrong side of f: rare ones, floaters among them, are seldom drawn by chance."""
+        found = []
+        nothing = torch.empty(0, dtype=torch.int64, device=self.device)
+        with torch.no_grad():
+            for at in range(0, self.n_space, LOOK_AT_ONCE):
+                part = torch.arange(at, min(at + LOOK_AT_ONCE, self.n_space), device=self.device)
+                terms = self.terms(networks, nothing, part)
+                found.append(part[terms.argument > self._margin[part]])
+        self._violations = torch.cat(found).cpu()
+
+    def terms(self, networks: list[Network], surface: torch.Tensor, space: torch.Tensor) -> Terms:
         """Terms of the surface samples and then the space samples with these indices."""
         n = len(surface)
         slack, sides, uvs = [], [], []
         for k, network in enumerate(networks):
             x = torch.cat([self._surface[k][surface], self._space[k][space]])
             uv = torch.minimum(torch.maximum(x[:, :2], self._lo[k][:2]), self._hi[k][:2])
-            y = heights(network, uv, self.omega, pool)
+            y = heights(network, uv, self.omega)
             above, below = y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]
             slack.append(torch.minimum(above, below))
             sides.append(above < below)
@@ -92,13 +112,18 @@ class Composite:
         over, carver = f[n:].masked_fill(~self._excluded[space], FAR).min(dim=1)
         hinge = margin + torch.where(inside, -least, over)
         weight = self._weight[space]
+        violation = torch.relu(hinge)
         dhf = torch.cat([who, torch.where(inside, holder, carver)])
+        active = side.gather(1, dhf[:, None])[:, 0].long()
+        # How much f is too large at the sample; the far height moves f up, the near one down.
+        excess = torch.cat([on_surface, torch.where(inside, -violation, violation)])
         return Terms(
-            cost=torch.cat([on_surface.abs() * cosine, weight * torch.relu(hinge)]),
+            cost=torch.cat([on_surface.abs() * cosine, weight * violation]),
             argument=torch.cat([on_surface, hinge]),
             weight=torch.cat([cosine, weight]),
+            error=torch.where(active == 1, excess, -excess),
             dhf=dhf,
-            side=side.gather(1, dhf[:, None])[:, 0].long(),
+            side=active,
             uv=uvs,
         )
 

@@ -29,6 +29,6 @@ def normalisation(mesh: Mesh) -> Normalisation:
     if not 1e-30 < radius < 1e30:
         raise MeshError(f"{mesh.name}: its size ({radius:g}) is outside 1e-30 to 1e30; rescale it")
     scale = np.float32(radius)
-    if scale < radius:  # never let a vertex fall outside the unit ball
+    if float(scale) < radius:  # never let a vertex fall outside the unit ball
         scale = np.nextafter(scale, np.float32(np.inf))
     return Normalisation((float(centre[0]), float(centre[1]), float(centre[2])), float(scale))

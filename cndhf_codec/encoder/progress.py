@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from ..errors import require
@@ -16,6 +17,9 @@ class Progress(Protocol):
     """
 
     def __call__(self, stage: str, done: int, total: int, loss: float = math.nan) -> None: ...
+
+
+OnStep = Callable[[int, float], None]  # steps done, loss
 
 
 def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:

@@ -1,14 +1,12 @@
 """Rounding the weights of a fitted model with error feedback, against the composite loss.
 
-H, the Gauss-Newton matrix of the composite loss with the weights of iteratively reweighted least squares for L1, says what
-a change of the weights costs. Weights are rounded one after the other, and the error of each is
-compensated by those still to be rounded, as in GPTQ (Frantar et al., 2022); Babai's nearest plane is the same rule. The networks share
-no weight and every sample is answered for by one of them, so H has one block a network.
+H, the Gauss-Newton matrix of the composite loss, says what a change of the weights costs. Weights are rounded one after
+the other, and the error of each is compensated by those still to be rounded, as in GPTQ (Frantar et al., 2022); Babai's
+nearest plane is the same rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 
 import numpy as np
@@ -17,63 +15,33 @@ import torch
 
 from ..format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from .composite import Composite, Network
+from .gauss_newton import SPACE, SURFACE, blocks, fill, flat
+from .progress import OnStep
 from .settings import Settings
-from .siren import Trace
-from .tune import OnStep, tune
+from .tune import tune
 
-SAMPLES = 32_000  # of the surface, and a third as many of space
-HINGE_WIDTH = 0.003  # a hinge counts when its argument is above minus this
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
-ROWS = 2048  # of the Jacobian held at once
 FIRST_ROUND = 0.5  # share of the free weights that each round but the last fixes
 GAUSSIAN_BITS = 2.05  # entropy of a rounded Gaussian of standard deviation 1: 0.5 log2(2 pi e)
 
 F64 = npt.NDArray[np.float64]
 
 
-def matrices(
-    networks: list[Network], composite: Composite, seed: int, pool: Executor | None
-) -> list[F64]:
-    """H of every network, (P, P) float64 in file order of the weights."""
+def matrices(networks: list[Network], composite: Composite, seed: int, pool: Executor) -> list[F64]:
+    """H of every network, (P, P), from a fresh draw of samples."""
     generator = torch.Generator().manual_seed(seed)
-    device = composite.device
-    on = torch.randperm(composite.n_surface, generator=generator)[:SAMPLES].to(device)
-    off = torch.randperm(composite.n_space, generator=generator)[: SAMPLES // 3].to(device)
-    with torch.no_grad():
-        terms = composite.terms(networks, on, off, pool)
-    n = len(on)
-    argument = terms.argument.abs().cpu().numpy().astype(np.float64)
-    weight = terms.weight.cpu().numpy().astype(np.float64)
-    # |r| is locally r^2 / (2 |r|); near zero the bend is spread over the median residual.
-    weight[:n] /= np.maximum(argument[:n], np.median(argument[:n])) * n
-    counts = terms.argument[n:].cpu().numpy() > -HINGE_WIDTH
-    weight[n:] *= counts / np.maximum(argument[n:], HINGE_WIDTH) / max(len(off), 1)
-    dhf, side = terms.dhf.cpu().numpy(), terms.side.cpu().numpy()
-
-    def of_one(k: int) -> F64:
-        rows = np.flatnonzero((dhf == k) & (weight > 0))
-        uv, root = terms.uv[k].cpu().numpy()[rows], np.sqrt(weight[rows]).astype(np.float32)
-        tensors = [t.detach().cpu().numpy() for t in networks[k]]
-        parameters = sum(t.size for t in tensors)
-        total = np.zeros((parameters, parameters))
-        for at in range(0, len(rows), ROWS):
-            part = slice(at, at + ROWS)
-            jacobian = Trace(tensors, uv[part], composite.omega).jacobian(side[rows[part]])
-            jacobian *= root[part, None]
-            total += jacobian.T @ jacobian
-        return total
-
-    return list((pool.map if pool else map)(of_one, range(len(networks))))
+    surface, space = composite.draw(SURFACE, SPACE, generator)
+    return [matrix for matrix, _ in blocks(networks, composite, surface, space, pool)]
 
 
-def step_codes(networks: list[Network], blocks: list[F64], bits: float) -> list[list[int]]:
+def step_codes(networks: list[Network], matrices_: list[F64], bits: float) -> list[list[int]]:
     """Step code of every tensor, for about `bits` bits a weight.
 
     Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
     its U_ii.
     """
-    logs = [_tensor_means(np.log2(np.diag(_factor(H))), n) for H, n in zip(blocks, networks, strict=True)]
+    logs = [_tensor_means(np.log2(np.diag(_factor(H))), n) for H, n in zip(matrices_, networks, strict=True)]
     tensors = [t.detach().cpu().numpy() for n in networks for t in n]
     flat_logs = np.concatenate(logs)
     sizes = np.array([t.size for t in tensors])
@@ -103,7 +71,7 @@ def round_networks(
     settings: Settings,
     codes: list[list[int]],
     seed: int,
-    pool: Executor | None,
+    pool: Executor,
     on_step: OnStep,
 ) -> None:
     """Round all weights in place to multiples of their steps, in `settings.rounds` rounds.
@@ -115,16 +83,16 @@ def round_networks(
     held = [np.zeros(len(s), dtype=bool) for s in steps]
     for r in range(settings.rounds):
         last = r == settings.rounds - 1
-        blocks = matrices(networks, composite, seed + r, pool)
-        for network, H, step, mask in zip(networks, blocks, steps, held, strict=True):
-            theta = _flat(network)
+        H_all = matrices(networks, composite, seed + r, pool)
+        for network, H, step, mask in zip(networks, H_all, steps, held, strict=True):
+            theta = flat(network)
             free = np.flatnonzero(~mask)
             block = H[np.ix_(free, free)]
             order = np.argsort(-np.diag(block) * step[free] ** 2, kind="stable")
             count = len(free) if last else round(len(free) * FIRST_ROUND)
             theta[free] = _round_in_order(theta[free], block, step[free], order, count)
             mask[free[order[:count]]] = True
-            _fill(network, theta)
+            fill(network, theta)
         if not last:
             masks = [_shaped(n, m) for n, m in zip(networks, held, strict=True)]
             done = r * settings.round_steps
@@ -132,9 +100,7 @@ def round_networks(
             def report(step: int, loss: float, done: int = done) -> None:
                 on_step(done + step, loss)
 
-            tune(
-                networks, composite, settings, settings.round_steps, settings.round_rate, seed + r, pool, report, masks
-            )
+            tune(networks, composite, settings, settings.round_steps, settings.round_rate, seed + r, report, masks)
 
 
 def _factor(H: F64) -> F64:
@@ -157,25 +123,15 @@ def _round_in_order(theta: F64, H: F64, step: F64, order: npt.NDArray[np.int64],
     return out
 
 
-def _flat(network: Network) -> F64:
-    return np.concatenate([t.detach().cpu().numpy().ravel() for t in network]).astype(np.float64)
-
-
-def _fill(network: Network, theta: F64) -> None:
-    at = 0
-    with torch.no_grad():
-        for t in network:
-            t.copy_(torch.from_numpy(theta[at : at + t.numel()].reshape(t.shape)))
-            at += t.numel()
-
-
 def _shaped(network: Network, mask: npt.NDArray[np.bool_]) -> Network:
     parts = np.split(mask, np.cumsum([t.numel() for t in network])[:-1])
     return [torch.from_numpy(p.reshape(t.shape)).to(t.device) for p, t in zip(parts, network, strict=True)]
 
 
 def _step_of_weights(network: Network, codes: list[int]) -> F64:
-    return np.concatenate([np.full(t.numel(), 2 ** (-c / STEPS_PER_OCTAVE)) for t, c in zip(network, codes, strict=True)])
+    return np.concatenate(
+        [np.full(t.numel(), 2 ** (-c / STEPS_PER_OCTAVE)) for t, c in zip(network, codes, strict=True)]
+    )
 
 
 def _tensor_means(values: F64, network: Network) -> F64:

@@ -52,9 +52,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     near = points[rng.integers(len(points), size=half)] + rng.normal(size=(half, 3)) * spread[:, None]
     space = np.concatenate([near, _in_boxes(frames, count - half, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
-    excluded = np.stack(
-        [(solid.first_hits(space, a) < 0) | (solid.first_hits(space, -a) < 0) for a in axes], axis=1
-    )
+    excluded = np.stack([(solid.first_hits(space, a) < 0) | (solid.first_hits(space, -a) < 0) for a in axes], axis=1)
     # A ray may leave the solid through a hole of the mesh: what is inside by vote is not excluded.
     doubtful = np.flatnonzero(excluded.any(axis=1))
     excluded[doubtful[solid.contains(space[doubtful])]] = False

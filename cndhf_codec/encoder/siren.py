@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import torch
 
 from ..format.container import tensor_shapes
 
-TILE = 512  # rows evaluated at once on the CPU: their activations stay in the cache
+TILE = 1024  # rows evaluated at once on the CPU: their activations stay in the cache
 
 
 def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Generator) -> list[torch.Tensor]:
@@ -29,16 +28,13 @@ def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Ge
     return tensors
 
 
-def heights(
-    tensors: list[torch.Tensor], uv: torch.Tensor, omega: float, pool: Executor | None = None
-) -> torch.Tensor:
+def heights(tensors: list[torch.Tensor], uv: torch.Tensor, omega: float) -> torch.Tensor:
     """(N, 2) -> (N, 2): near and far height, differentiable in the tensors.
 
-    On the CPU a backward pass written for this network is used, tile by tile, in the threads of `pool`; the result
-    does not depend on their number.
+    On the CPU a backward pass written for this network is used, tile by tile: about twice as fast as torch's.
     """
     if uv.device.type == "cpu":
-        return _TiledSiren.apply(uv, omega, pool, *tensors)
+        return _TiledSiren.apply(uv, omega, *tensors)
     return forward(tensors, uv, omega)
 
 
@@ -97,22 +93,18 @@ class Trace:
 
 class _TiledSiren(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, uv: torch.Tensor, omega: float, pool: Executor | None, *tensors: torch.Tensor) -> Any:
+    def forward(ctx: Any, uv: torch.Tensor, omega: float, *tensors: torch.Tensor) -> Any:  # type: ignore[override]
         arrays = [t.detach().numpy() for t in tensors]
         points = uv.numpy()
         tiles = [points[at : at + TILE] for at in range(0, len(points), TILE)]
-        ctx.map = pool.map if pool else map
-        ctx.traces = list(ctx.map(lambda tile: Trace(arrays, tile, omega), tiles))
+        ctx.traces = [Trace(arrays, tile, omega) for tile in tiles]
         return torch.from_numpy(np.concatenate([t.heights for t in ctx.traces]))
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:  # type: ignore[override]
         g = gradient.numpy()
-        parts = [g[k * TILE : (k + 1) * TILE] for k in range(len(ctx.traces))]
-        # Summed in the order of the tiles, so that the number of threads changes nothing.
-        of_tiles = list(ctx.map(lambda trace, part: trace.gradients(part), ctx.traces, parts))
-        total = of_tiles[0]
-        for gradients in of_tiles[1:]:
-            for a, b in zip(total, gradients, strict=True):
-                a += b
-        return (None, None, None, *(torch.from_numpy(a) for a in total))
+        total: list[npt.NDArray[np.float32]] = []
+        for k, trace in enumerate(ctx.traces):
+            gradients = trace.gradients(g[k * TILE : (k + 1) * TILE])
+            total = gradients if k == 0 else [a + b for a, b in zip(total, gradients, strict=True)]
+        return (None, None, *(torch.from_numpy(a) for a in total))

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import Executor
 
 import torch
 from pytorch_optimizer import SOAP
 
 from ..errors import EncodeError
 from .composite import Composite, Network
+from .progress import OnStep
 from .settings import Settings
 
 WARM_UP = 50  # steps of rising learning rate
 SURFACE = 0.75  # share of a batch drawn on the surface
+LOOK_EVERY = 300  # steps between searches for violations
 REPORT_EVERY = 20  # steps
-
-OnStep = Callable[[int, float], None]
 
 
 def tune(
@@ -27,7 +25,6 @@ def tune(
     steps: int,
     rate: float,
     seed: int,
-    pool: Executor | None,
     on_step: OnStep,
     held: list[Network] | None = None,
 ) -> None:
@@ -43,9 +40,10 @@ def tune(
     n_surface = round(settings.batch * SURFACE)
     for step in range(1, steps + 1):
         scale = min(1.0, step / WARM_UP) * 0.5 * (1 + math.cos(math.pi * (step - 1) / steps))
-        on = torch.randint(composite.n_surface, (n_surface,), generator=generator).to(composite.device)
-        off = torch.randint(composite.n_space, (settings.batch - n_surface,), generator=generator)
-        cost = composite.terms(networks, on, off.to(composite.device), pool).cost
+        if (step - 1) % LOOK_EVERY == 0:
+            composite.look_for_violations(networks)
+        on, off = composite.draw(n_surface, settings.batch - n_surface, generator)
+        cost = composite.terms(networks, on, off).cost
         loss = cost[:n_surface].mean() + cost[n_surface:].mean()
         for t in tensors:
             t.grad = None
