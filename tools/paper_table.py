@@ -64,11 +64,11 @@ def main(target: Path, names: tuple[str, ...], widths: str, preset: str, axes: i
             d = report.normalised
             assert d is not None
             parameters = model.info["parameters"]
-            printed = PRINTED.get(name, {})
+            listed = " ".join(f"{k}k:{v}" for k, v in PRINTED.get(name, {}).items()) or "-"
             rows.append(
                 f"{name}\t{width}\t{len(model.container.dhfs)}\t{parameters}\t{len(model.dumps())}\t"
                 f"{d.chamfer * 1e3:.3f}\t{d.p99 * 1e3:.2f}\t{d.maximum * 1e3:.1f}\t"
-                f"{1e3 * cd_paper(truth, points):.3f}\t{1e3 * floor:.3f}\t{' '.join(f'{k}k:{v}' for k, v in printed.items()) or '-'}\t"
+                f"{1e3 * cd_paper(truth, points):.3f}\t{1e3 * floor:.3f}\t{listed}\t"
                 f"{sum(report.seconds.values()):.0f}"
             )
             click.echo(rows[-1])

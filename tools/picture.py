@@ -61,9 +61,7 @@ def shade(vertices: np.ndarray, faces: np.ndarray, frame: np.ndarray, size: int)
 @click.option("--size", default=480, help="Pixels a picture.")
 def main(target: Path, sources: tuple[Path, ...], azimuth: float, elevation: float, up: str, size: int) -> None:
     frame = view_frame(azimuth, elevation, up)
-    figure, axes = plt.subplots(
-        1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False
-    )
+    figure, axes = plt.subplots(1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False)
     for axis, path in zip(axes[0], sources, strict=True):
         vertices, faces = load(path)
         centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2

@@ -43,9 +43,7 @@ def command(
         mesh = model.to_mesh(resolution)
         write_mesh(mesh, target, overwrite)
         if not quiet:
-            click.echo(
-                f"{target}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}"
-            )
+            click.echo(f"{target}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
     if occupancy is not None:
         grid, origin, spacing = model.occupancy(resolution)
         write_grid(occupancy, grid, origin, spacing, overwrite)

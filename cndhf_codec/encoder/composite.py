@@ -17,8 +17,8 @@ from .heights import Frame
 from .samples import Samples
 from .siren import heights
 
-MARGIN = 0.02  # most that f shall differ from zero off the surface (normalised units)
-NEAR = 0.01  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
+MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
+NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
 LOOK_AT_ONCE = 2**16
 FAR = 1e3  # stands for "no such DHF"
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from threading import Event, Lock
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from pytorch_optimizer import SOAP
 
 from ..errors import EncodeError, OptionError
 from .heights import HeightTargets
 from .settings import Settings
-from .siren import forward, initialise
+from .siren import forward, heights, initialise
 
 Tensors = list[npt.NDArray[np.float32]]
 OnSteps = Callable[[int, int, float], None]  # done, total, loss
@@ -35,6 +37,17 @@ def choose_device(name: str) -> torch.device:
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Torch's own threads cost more than they bring on tensors as small as these, and change the sums."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def fit_all(
     targets: list[HeightTargets],
     settings: Settings,
@@ -45,8 +58,6 @@ def fit_all(
 ) -> list[Tensors]:
     """Fit every DHF alone, `threads` at a time. Each fit runs in one thread, so that the result does not
     depend on their number. Raises EncodeError when a fit diverges."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
     stop, lock = Event(), Lock()
     done = [0] * len(targets)
     losses = [math.nan] * len(targets)
@@ -59,19 +70,16 @@ def fit_all(
 
         return _fit(targets[i], settings, seed + i, device, stop, report)
 
-    try:
-        with ThreadPoolExecutor(threads if device.type == "cpu" else 1) as pool:
-            futures = [pool.submit(one, i) for i in range(len(targets))]
-            try:
-                return [f.result() for f in futures]
-            except BaseException:
-                # Interrupted or failed: the other fits must not run on.
-                stop.set()
-                for f in futures:
-                    f.cancel()
-                raise
-    finally:
-        torch.set_num_threads(before)
+    with one_torch_thread(), ThreadPoolExecutor(threads if device.type == "cpu" else 1) as pool:
+        futures = [pool.submit(one, i) for i in range(len(targets))]
+        try:
+            return [f.result() for f in futures]
+        except BaseException:
+            # Interrupted or failed: the other fits must not run on.
+            stop.set()
+            for f in futures:
+                f.cancel()
+            raise
 
 
 def _fit(
@@ -82,10 +90,11 @@ def _fit(
     stop: Event,
     report: Callable[[int, float], None],
 ) -> Tensors:
+    width = settings.width
+    assert width is not None, "a size has been turned into a width before the fit"
     generator = torch.Generator().manual_seed(seed)
     tensors = [
-        t.to(device).requires_grad_()
-        for t in initialise(settings.width, settings.hidden_layers, settings.omega, generator)
+        t.to(device).requires_grad_() for t in initialise(width, settings.hidden_layers, settings.omega, generator)
     ]
     loss_of = (_TileLoss if settings.laplacian else _PointLoss)(targets, settings, device, settings.batch)
     optimiser = _optimiser(tensors, settings)
@@ -111,8 +120,6 @@ def _optimiser(tensors: list[torch.Tensor], settings: Settings) -> Any:
     if settings.optimiser == "adam":
         return torch.optim.Adam(tensors, lr=settings.learning_rate)
     # Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024).
-    from pytorch_optimizer import SOAP
-
     return SOAP(tensors, lr=settings.learning_rate, betas=(0.95, 0.95), weight_decay=0.0)
 
 
@@ -155,7 +162,7 @@ class _PointLoss:
         at = inside
         if self.n_outside:
             at = torch.cat([inside, im.outside[im.draw(len(im.outside), self.n_outside, generator)]])
-        y = forward(tensors, im.uv[at], self.settings.omega)
+        y = heights(tensors, im.uv[at], self.settings.omega)
         loss = ((y[:n] - im.heights[inside]).abs() * im.known[inside]).sum() / n
         if self.n_outside:
             loss = loss + torch.relu(y[n:, 1] - y[n:, 0] + self.settings.margin).mean()
@@ -180,9 +187,9 @@ class _TileLoss:
         v = im.draw(nv - self.side + 1, self.tiles, generator)
         at = (u * nv + v)[:, None, None] + self.offsets
         y = forward(tensors, im.uv[at], self.settings.omega)
-        heights = ((y - im.heights[at]).abs() * im.known[at]).sum(dim=-1)
+        error = ((y - im.heights[at]).abs() * im.known[at]).sum(dim=-1)
         hinge = torch.relu(y[..., 1] - y[..., 0] + self.settings.margin) * (1 - im.hit[at])
         middle = at[:, 1:-1, 1:-1]
         laplacian = y[:, 2:, 1:-1] + y[:, :-2, 1:-1] + y[:, 1:-1, 2:] + y[:, 1:-1, :-2] - 4 * y[:, 1:-1, 1:-1]
         smooth = (laplacian - im.laplacians[middle]).abs().sum(dim=-1) * im.laplacian_known[middle]
-        return heights.mean() + hinge.mean() + self.settings.laplacian * smooth.mean()
+        return error.mean() + hinge.mean() + self.settings.laplacian * smooth.mean()

@@ -19,7 +19,8 @@ from .composite import Composite, Network
 from .progress import OnStep
 from .siren import Trace
 
-HINGE_WIDTH = 0.003  # a hinge counts when its argument is above minus this
+HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
+IDLE = 0.2  # weight of a hinge that is kept: what no hinge holds would run away, and come back as a floater
 ROWS = 2048  # of the Jacobian held at once
 SURFACE, SPACE = 40_000, 20_000  # samples that one matrix is built from
 TRIALS = 3  # dampings tried before an iteration is given up
@@ -40,8 +41,8 @@ def blocks(
     weight = terms.weight.cpu().numpy().astype(np.float64)
     # Near zero the bend of |r| is spread over the median residual.
     weight[:n] /= np.maximum(argument[:n], np.median(argument[:n])) * n
-    counts = terms.argument[n:].cpu().numpy() > -HINGE_WIDTH
-    weight[n:] *= counts / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
+    kept = terms.argument[n:].cpu().numpy() <= 0
+    weight[n:] *= np.where(kept, IDLE, 1.0) / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
     dhf, side, error = (t.cpu().numpy() for t in (terms.dhf, terms.side, terms.error))
     out = []
     for k, network in enumerate(networks):
@@ -75,7 +76,7 @@ def polish(
     on_step: OnStep,
     held: list[npt.NDArray[np.bool_]] | None = None,
 ) -> None:
-    """Levenberg-Marquardt iterations in place, each on fresh samples. held: (P,) masks of the weights left as they are."""
+    """Levenberg-Marquardt iterations in place, each on fresh samples. held: (P,) masks of weights to leave alone."""
     generator = torch.Generator().manual_seed(seed)
     damping = FIRST_DAMPING
     for i in range(1, iterations + 1):

@@ -1,4 +1,4 @@
-"""The encoder from end to end: mesh -> solid -> axes -> height targets -> fit -> quantise -> verify."""
+"""The encoder from end to end: mesh -> solid -> the preset's method -> verified bytes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from .. import __version__
 from ..decoder.model import Model, loads
-from ..errors import MeshError, OptionError, require
+from ..errors import EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
-from .axes import choose_axes
-from .heights import frame_for_axis, height_targets
+from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
+from ..format.writer import pack_metadata
 from .normalise import normalisation
-from .progress import Progress, silent
+from .progress import OnStep, Progress, silent
 from .read import read_mesh
 from .settings import Settings, settings_for
 from .solid import Solid
@@ -44,6 +45,7 @@ def encode(
     *,
     axes: int | None = None,
     width: int | None = None,
+    target_size: int | None = None,
     seed: int = 0,
     device: str = "auto",
     threads: int | None = None,
@@ -54,6 +56,7 @@ def encode(
 
     source: a path (OBJ, PLY, STL, OFF, GLB), a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
     preset: "fast", "default", "best" or "paper". axes: the most DHFs to use. width: of every network.
+    target_size: bytes that the file shall not exceed (the width then follows from it).
     seed: equal seeds give equal bytes on the same kind of machine. device: "auto", "cpu" or "cuda".
     threads: how many to use, all by default; the result does not depend on it. source_name: write the
     source's file name into the file. Raises a subclass of CndhfError.
@@ -63,6 +66,7 @@ def encode(
         preset,
         axes=axes,
         width=width,
+        target_size=target_size,
         seed=seed,
         device=device,
         threads=threads,
@@ -77,6 +81,7 @@ def encode_with_report(
     *,
     axes: int | None = None,
     width: int | None = None,
+    target_size: int | None = None,
     seed: int = 0,
     device: str = "auto",
     threads: int | None = None,
@@ -84,94 +89,89 @@ def encode_with_report(
     progress: Progress = silent,
 ) -> tuple[Model, Report]:
     """As `encode`, with a Report of what was done."""
-    settings = settings_for(preset, axes, width)
+    settings = settings_for(preset, axes, width, target_size)
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if threads < 1:
         raise OptionError(f"threads is {threads}; 1 or more are needed")
     if not 0 <= seed < 2**32:
         raise OptionError(f"seed is {seed}; 0 to 2^32 - 1 are allowed")
-    require("torch", "encode")
-    from .fit import choose_device, fit_all  # the only modules that need torch
-    from .quantise import quantise
+    # Named before any work is done: a library that is missing, and a name that cannot be stored.
+    for library in ("torch", "pytorch_optimizer", "embreex", "igl", "trimesh", "skimage", "threadpoolctl"):
+        require(library, "encode")
+    from threadpoolctl import threadpool_limits
+
+    from .fit import choose_device
+    from .joint import encode_joint
+    from .paper import encode_paper
 
     torch_device = choose_device(device)
+    named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
+    # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
+    metadata = Metadata(f"cndhf-codec {__version__}", 0.0, 0.0, 0.0, named)
+    metadata_bytes = len(pack_metadata(metadata)) + TABLE_ENTRY_SIZE
     report = Report(settings)
     clock = _Clock(report, progress)
 
-    with clock("read", 1):
-        mesh = read_mesh(source)
-        norm = normalisation(mesh)
-        solid = Solid(norm.apply(mesh.vertices), mesh.faces)
-        report.faces, report.dropped_faces, report.flipped = len(mesh.faces), mesh.dropped, solid.flipped
-    with clock("axes", 1):
-        choice = choose_axes(solid, seed, threads, settings.rarity, settings.coverage, settings.max_axes)
-        if choice.visible == 0:
-            raise MeshError(f"{mesh.name}: no axis sees any of its surface; it does not bound a solid")
-        report.visible, report.covered = choice.visible, float(choice.covered[-1])
-    with clock("heights", len(choice.axes)):
-        targets = []
-        for k, axis in enumerate(choice.axes):
-            targets.append(height_targets(solid, frame_for_axis(axis, solid.vertices), settings.target_resolution))
-            clock.tick(k + 1)
-        report.unknown = max(t.unknown for t in targets)
-        if not any(t.hit.any() for t in targets):
-            raise MeshError(f"{mesh.name}: bounds no solid (no ray meets it)")
-    with clock("fit", settings.steps * len(targets)):
+    clock("read", 1)
+    mesh = read_mesh(source)
+    norm = normalisation(mesh)
+    solid = Solid(norm.apply(mesh.vertices), mesh.faces)
+    report.faces, report.dropped_faces, report.flipped = len(mesh.faces), mesh.dropped, solid.flipped
+    # One BLAS thread: the fits bring their own threads, and no sum depends on how many there are.
+    with threadpool_limits(1, user_api="blas"):
+        if settings.joint:
+            done = encode_joint(solid, settings, metadata_bytes, seed, torch_device, threads, clock)
+        else:
+            done = encode_paper(solid, settings, seed, torch_device, threads, clock)
+    records, report.covered, report.visible, report.unknown = done
+    if not records:
+        raise MeshError(f"{mesh.name}: no axis sees any of its surface; it does not bound a solid")
 
-        def on_steps(done: int, total: int, loss: float) -> None:
-            progress("fit", done, total, loss)
-
-        fitted = fit_all(targets, settings, seed, torch_device, threads, on_steps)
-    with clock("quantise", len(targets)):
-        records = []
-        for k, (tensors, target) in enumerate(zip(fitted, targets, strict=True)):
-            records.append(quantise(tensors, target, settings, seed))
-            clock.tick(k + 1)
-    with clock("verify", 1):
-        from .. import __version__
-
-        named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
-        metadata = Metadata(encoder=f"cndhf-codec {__version__}", source=named)
-        container = Container(norm.centre, norm.scale, tuple(records), metadata)
-        # What is measured is what a user would decode from the bytes on disk.
+    clock("verify", 1)
+    container = Container(
+        norm.centre, norm.scale, tuple(records), metadata, CODEC_RANS if settings.joint else CODEC_ZSTD
+    )
+    # What is measured is what a user would decode from the bytes on disk.
+    try:
         surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
-        measured = surface_distances(solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed)
-        report.normalised, report.distances = measured, measured.scaled(norm.scale)
-        extent = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
-        report.diagonal = float((extent @ extent) ** 0.5)
-        metadata = replace(
-            metadata,
-            mean_error=_significant(report.distances.chamfer),
-            p99_error=_significant(report.distances.p99),
-            max_error=_significant(report.distances.maximum),
-        )
-        model = Model(replace(container, metadata=metadata))
-    return model, report
+    except SurfaceError as exc:
+        raise EncodeError(
+            f"{mesh.name}: the fit was too coarse to hold a solid; use a larger size or width, or a slower preset"
+        ) from exc
+    measured = surface_distances(solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed)
+    report.normalised, report.distances = measured, measured.scaled(norm.scale)
+    extent = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
+    report.diagonal = float((extent @ extent) ** 0.5)
+    metadata = replace(
+        metadata,
+        mean_error=_significant(report.distances.chamfer),
+        p99_error=_significant(report.distances.p99),
+        max_error=_significant(report.distances.maximum),
+    )
+    clock.close()
+    return Model(replace(container, metadata=metadata)), report
 
 
 class _Clock:
-    """Times the stages and announces them."""
+    """Announces the stages and times them; a stage ends where the next begins."""
 
     def __init__(self, report: Report, progress: Progress) -> None:
         self._report, self._progress = report, progress
         self._stage, self._total, self._start = "", 1, 0.0
 
-    def __call__(self, stage: str, total: int) -> _Clock:
-        self._stage, self._total = stage, total
-        return self
+    def __call__(self, stage: str, total: int) -> OnStep:
+        self.close()
+        self._stage, self._total, self._start = stage, total, time.perf_counter()
+        self._progress(stage, 0, total)
+        return lambda done, loss: self._progress(stage, done, total, loss)
 
-    def __enter__(self) -> None:
-        self._start = time.perf_counter()
-        self._progress(self._stage, 0, self._total)
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        self._report.seconds[self._stage] = time.perf_counter() - self._start
-        if kind is None:
+    def close(self) -> None:
+        if self._stage:
+            seconds = self._report.seconds
+            seconds[self._stage] = seconds.get(self._stage, 0.0) + time.perf_counter() - self._start
             self._progress(self._stage, self._total, self._total)
-
-    def tick(self, done: int) -> None:
-        self._progress(self._stage, done, self._total)
+            self._stage = ""
 
 
 def _significant(value: float) -> float:

@@ -20,6 +20,7 @@ class Progress(Protocol):
 
 
 OnStep = Callable[[int, float], None]  # steps done, loss
+Stage = Callable[[str, int], OnStep]  # name and steps of a stage that starts -> its progress report
 
 
 def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:

@@ -52,7 +52,7 @@ def quantise(tensors: Tensors, targets: HeightTargets, settings: Settings, seed:
     return DhfRecord(
         quaternion=targets.frame.quaternion,
         box=targets.frame.box,
-        width=settings.width,
+        width=len(tensors[0]),
         hidden_layers=settings.hidden_layers,
         omega_first=settings.omega,
         omega_hidden=settings.omega,

@@ -12,6 +12,7 @@ from concurrent.futures import Executor
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.linalg.lapack import dtrtri
 
 from ..format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from .composite import Composite, Network
@@ -34,16 +35,24 @@ def matrices(networks: list[Network], composite: Composite, seed: int, pool: Exe
     return [matrix for matrix, _ in blocks(networks, composite, surface, space, pool)]
 
 
-def step_codes(networks: list[Network], matrices_: list[F64], bits: float) -> list[list[int]]:
-    """Step code of every tensor, for about `bits` bits a weight.
+def relative_steps(networks: list[Network], matrices_of: list[F64]) -> F64:
+    """log2 of the step of every tensor of every network, up to a common level.
 
     Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
     its U_ii.
     """
-    logs = [_tensor_means(np.log2(np.diag(_factor(H))), n) for H, n in zip(matrices_, networks, strict=True)]
+    logs = []
+    for H, network in zip(matrices_of, networks, strict=True):
+        log_u = -np.log2(np.diag(_inverse_factor(H)))
+        parts = np.split(log_u, np.cumsum([t.numel() for t in network])[:-1])
+        logs += [float(p.mean()) for p in parts]
+    return np.array(logs)
+
+
+def step_codes(networks: list[Network], flat_logs: F64, bits: float) -> list[list[int]]:
+    """Step code of every tensor, for about `bits` bits a weight; `flat_logs` is what `relative_steps` gives."""
     tensors = [t.detach().cpu().numpy() for n in networks for t in n]
-    flat_logs = np.concatenate(logs)
     sizes = np.array([t.size for t in tensors])
     # Bits of tensor t at step 2^(log + level), as for Gaussians; bisect the level.
     spread = np.array([np.log2(max(float(np.sqrt(np.mean(t * t))), 1e-9)) for t in tensors])
@@ -76,8 +85,8 @@ def round_networks(
 ) -> None:
     """Round all weights in place to multiples of their steps, in `settings.rounds` rounds.
 
-    Each round fixes the costliest half of what is free (the last one all of it), and the free weights are trained on for
-    `settings.round_steps` steps between rounds.
+    Each round fixes the costliest half of what is free (the last one all of it), and the free weights are trained on
+    for `settings.round_steps` steps between rounds.
     """
     steps = [_step_of_weights(n, c) for n, c in zip(networks, codes, strict=True)]
     held = [np.zeros(len(s), dtype=bool) for s in steps]
@@ -103,16 +112,16 @@ def round_networks(
             tune(networks, composite, settings, settings.round_steps, settings.round_rate, seed + r, report, masks)
 
 
-def _factor(H: F64) -> F64:
-    """Upper triangular U with (H + damping)^-1 = U^T U."""
+def _inverse_factor(H: F64) -> F64:
+    """Upper triangular M with H + damping = M M^T; U = M^-1 then has (H + damping)^-1 = U^T U."""
     damped = H + np.eye(len(H)) * (DAMPING * np.trace(H) / len(H) + 1e-30)
-    inverse = np.linalg.inv(damped)
-    return np.linalg.cholesky((inverse + inverse.T) / 2).T
+    # The Cholesky factor of the matrix with rows and columns reversed, reversed back.
+    return np.asarray(np.linalg.cholesky(damped[::-1, ::-1])[::-1, ::-1])
 
 
 def _round_in_order(theta: F64, H: F64, step: F64, order: npt.NDArray[np.int64], count: int) -> F64:
     """Round the first `count` weights of `order`; all later ones take up the errors."""
-    U = _factor(H[np.ix_(order, order)])
+    U = dtrtri(_inverse_factor(H[np.ix_(order, order)]))[0]
     w, d = theta[order].copy(), step[order]
     for i in range(count):
         rounded = np.rint(w[i] / d[i]) * d[i]
@@ -132,8 +141,3 @@ def _step_of_weights(network: Network, codes: list[int]) -> F64:
     return np.concatenate(
         [np.full(t.numel(), 2 ** (-c / STEPS_PER_OCTAVE)) for t, c in zip(network, codes, strict=True)]
     )
-
-
-def _tensor_means(values: F64, network: Network) -> F64:
-    parts = np.split(values, np.cumsum([t.numel() for t in network])[:-1])
-    return np.array([p.mean() for p in parts])

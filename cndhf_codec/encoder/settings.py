@@ -5,27 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..errors import OptionError
-from ..format.constants import MAX_DHFS, MAX_WIDTH
+from ..format.constants import MAX_DHFS, MAX_FILE_SIZE, MAX_WIDTH
+
+LEAST_SIZE = 400  # bytes; below this the header is most of the file
 
 
 @dataclass(frozen=True)
 class Settings:
     """Everything that decides an encode, apart from the mesh and the seed. Lengths are normalised units."""
 
-    # Axes: greedy until `coverage` of the effective area is seen, or `max_axes` are taken.
-    coverage: float
+    # Method: the paper's (every DHF alone, axes by area), or ours (all together, axes by error).
+    joint: bool
+
+    # Axes. Paper: greedy until `coverage` of the effective area is seen, or `max_axes` are taken. Ours: the number
+    # up to `max_axes` that trial fits find best.
     max_axes: int | None
+    coverage: float
     rarity: str  # "printed" or "inverse", see axes.effective_area
 
-    # Network: 2 inputs, 1 + hidden_layers sine layers of `width`, 2 outputs.
-    width: int
-    hidden_layers: int
+    # Size: bytes of the file, from which the width follows; or the width of every network.
+    target_size: int | None
+    width: int | None
+    hidden_layers: int  # sine layers after the first
     omega: int
 
-    # Height targets: pixels along the longer side of the domain box.
-    target_resolution: int
-
-    # Fit.
+    # Fit of each DHF alone.
+    target_resolution: int  # pixels along the longer side of the domain box
     optimiser: str  # "soap" or "adam"
     steps: int
     learning_rate: float
@@ -33,28 +38,48 @@ class Settings:
     margin: float  # C: outside the silhouette the far height shall be this much below the near one
     laplacian: float  # weight of the loss on the Laplacians of the height images; 0: none, and no tiles
 
-    # Quantisation: the fit's loss may grow by this share.
+    # Joint fit.
+    samples: int  # points on the surface, and as many off it
+    trial_steps: int  # of the joint fit that compares numbers of axes
+    tune_steps: int
+    tune_rate: float
+
+    # Rounding. Paper: the fit's loss may grow by `quantisation_loss`. Ours: `bits` a weight when no size is asked for.
     quantisation_loss: float
+    bits: float
+    rounds: int
+    round_steps: int  # of the joint fit between rounds
+    round_rate: float
 
     # Verification: marching-cubes resolution at which the written file is measured.
     verify_resolution: int
 
 
 _DEFAULT = Settings(
+    joint=True,
+    max_axes=4,
     coverage=0.999,
-    max_axes=3,
     rarity="printed",
-    width=30,
+    target_size=8192,
+    width=None,
     hidden_layers=5,
     omega=30,
-    target_resolution=1024,
+    target_resolution=512,
     optimiser="soap",
-    steps=3000,
+    steps=400,
     learning_rate=3e-3,
     batch=4096,
     margin=0.01,
     laplacian=0.0,
+    samples=400_000,
+    trial_steps=300,
+    tune_steps=3000,
+    tune_rate=1.5e-3,
     quantisation_loss=0.01,
+    bits=5.5,
+    rounds=4,
+    round_steps=250,
+    round_rate=1e-3,
     verify_resolution=256,
 )
 
@@ -63,24 +88,39 @@ PRESETS: dict[str, Settings] = {
     # those are ours, and so is the number of steps, which is what a laptop's processor can bear.
     "paper": replace(
         _DEFAULT,
+        joint=False,
         max_axes=None,
-        target_resolution=512,
+        target_size=None,
+        width=30,
         optimiser="adam",
         steps=5000,
         learning_rate=1e-3,
         margin=0.1,
         laplacian=10.0,
     ),
-    "fast": replace(_DEFAULT, max_axes=2, width=24, target_resolution=512, steps=700, batch=2048),
+    "fast": replace(
+        _DEFAULT,
+        max_axes=2,
+        target_size=4096,
+        steps=150,
+        trial_steps=0,
+        tune_steps=500,
+        samples=200_000,
+        round_steps=60,
+    ),
     "default": _DEFAULT,
-    "best": replace(_DEFAULT, max_axes=4, width=40, steps=10000),
+    "best": replace(
+        _DEFAULT, steps=1000, trial_steps=600, tune_steps=20_000, tune_rate=1e-3, rounds=5, round_steps=800
+    ),
 }
 
 
-def settings_for(preset: str, axes: int | None = None, width: int | None = None) -> Settings:
-    """Settings of a preset, with the number of axes and the width changed where given.
+def settings_for(
+    preset: str, axes: int | None = None, width: int | None = None, target_size: int | None = None
+) -> Settings:
+    """Settings of a preset, with the number of axes, and the width or the file's size, changed where given.
 
-    Raises OptionError for an unknown preset or a value out of range.
+    Raises OptionError for an unknown preset, a value out of range, or a width and a size together.
     """
     if preset not in PRESETS:
         raise OptionError(f"preset is {preset!r}; there are {', '.join(PRESETS)}")
@@ -89,8 +129,16 @@ def settings_for(preset: str, axes: int | None = None, width: int | None = None)
         if not 1 <= axes <= MAX_DHFS:
             raise OptionError(f"axes is {axes}; 1 to {MAX_DHFS} are allowed")
         settings = replace(settings, max_axes=axes)
+    if width is not None and target_size is not None:
+        raise OptionError("width and target size are both given; the size decides the width, so give one of them")
     if width is not None:
         if not 4 <= width <= MAX_WIDTH:
             raise OptionError(f"width is {width}; 4 to {MAX_WIDTH} are allowed")
-        settings = replace(settings, width=width)
+        settings = replace(settings, width=width, target_size=None)
+    if target_size is not None:
+        if not settings.joint:
+            raise OptionError(f"preset {preset!r} takes no target size; give a width")
+        if not LEAST_SIZE <= target_size <= MAX_FILE_SIZE:
+            raise OptionError(f"target size is {target_size} bytes; {LEAST_SIZE} to {MAX_FILE_SIZE} are allowed")
+        settings = replace(settings, width=None, target_size=target_size)
     return settings

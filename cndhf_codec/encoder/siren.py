@@ -20,10 +20,8 @@ def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Ge
     tensors, inputs = [], 0
     for k, shape in enumerate(tensor_shapes(width, hidden_layers)):
         inputs = shape[1] if len(shape) == 2 else inputs  # a bias follows its matrix
-        if len(shape) == 1:
-            limit = 1 / math.sqrt(inputs)
-        else:
-            limit = 1 / inputs if k == 0 else math.sqrt(6 / inputs) / omega
+        weight_limit = 1 / inputs if k == 0 else math.sqrt(6 / inputs) / omega
+        limit = 1 / math.sqrt(inputs) if len(shape) == 1 else weight_limit
         tensors.append((torch.rand(shape, generator=generator) * 2 - 1) * limit)
     return tensors
 
@@ -93,7 +91,7 @@ class Trace:
 
 class _TiledSiren(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, uv: torch.Tensor, omega: float, *tensors: torch.Tensor) -> Any:  # type: ignore[override]
+    def forward(ctx: Any, uv: torch.Tensor, omega: float, *tensors: torch.Tensor) -> Any:
         arrays = [t.detach().numpy() for t in tensors]
         points = uv.numpy()
         tiles = [points[at : at + TILE] for at in range(0, len(points), TILE)]
@@ -101,7 +99,7 @@ class _TiledSiren(torch.autograd.Function):
         return torch.from_numpy(np.concatenate([t.heights for t in ctx.traces]))
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:  # type: ignore[override]
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         g = gradient.numpy()
         total: list[npt.NDArray[np.float32]] = []
         for k, trace in enumerate(ctx.traces):

@@ -13,7 +13,7 @@ from .progress import OnStep
 from .settings import Settings
 
 WARM_UP = 50  # steps of rising learning rate
-SURFACE = 0.75  # share of a batch drawn on the surface
+SURFACE = 0.5  # share of a batch drawn on the surface
 LOOK_EVERY = 300  # steps between searches for violations
 REPORT_EVERY = 20  # steps
 

@@ -22,6 +22,7 @@ KIND_METADATA = OPTIONAL | 0x01
 # Codecs of a section.
 CODEC_RAW = 0
 CODEC_ZSTD = 1
+CODEC_RANS = 2
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # left out of the file, put back to decompress
 
 # What a DHF does to the solid and which part it belongs to. Other values are reserved.

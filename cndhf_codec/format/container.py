@@ -65,9 +65,7 @@ class DhfRecord:
 
     def weights(self) -> list[npt.NDArray[np.float32]]:
         """The dequantised tensors, float32, shaped as `tensor_shapes` says."""
-        return [
-            (s * step_size(code)).astype(np.float32) for s, code in zip(self.symbols, self.step_codes, strict=True)
-        ]
+        return [(s * step_size(code)).astype(np.float32) for s, code in zip(self.symbols, self.step_codes, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -93,6 +91,7 @@ class Container:
     scale: float
     dhfs: tuple[DhfRecord, ...]
     metadata: Metadata = field(default_factory=Metadata)
+    codec: int = c.CODEC_ZSTD  # of the weights section
 
 
 def step_size(code: int) -> float:

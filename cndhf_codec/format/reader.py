@@ -23,6 +23,7 @@ from ..errors import (
     VersionError,
 )
 from . import constants as c
+from . import rans
 from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
 
 
@@ -54,14 +55,15 @@ def loads(data: bytes) -> Container:
         known = section.kind in (c.KIND_RECORDS, c.KIND_WEIGHTS, c.KIND_METADATA)
         if not known and not section.kind & c.OPTIONAL:
             raise SectionError(f"section kind {section.kind} is mandatory and unknown to this decoder")
-    records = _sole(header, c.KIND_RECORDS, c.CODEC_RAW, "records")
-    weights = _sole(header, c.KIND_WEIGHTS, c.CODEC_ZSTD, "weights")
+    records = _sole(header, c.KIND_RECORDS, (c.CODEC_RAW,), "records")
+    weights = _sole(header, c.KIND_WEIGHTS, (c.CODEC_ZSTD, c.CODEC_RANS), "weights")
     assert records is not None
     assert weights is not None
-    meta = _sole(header, c.KIND_METADATA, c.CODEC_RAW, "metadata", optional=True)
+    meta = _sole(header, c.KIND_METADATA, (c.CODEC_RAW,), "metadata", optional=True)
 
     drafts = _read_records(_body(data, records), header.n_dhfs)
-    symbols = _read_symbols(_body(data, weights), drafts)
+    read = _read_zstd if weights.codec == c.CODEC_ZSTD else _read_rans
+    symbols = _by_dhf(read(_body(data, weights), drafts), drafts)
     dhfs = tuple(
         DhfRecord(
             quaternion=d.quaternion,
@@ -78,7 +80,7 @@ def loads(data: bytes) -> Container:
         for d, s in zip(drafts, symbols, strict=True)
     )
     metadata = Metadata() if meta is None else _read_metadata(_body(data, meta))
-    return Container(header.centre, header.scale, dhfs, metadata)
+    return Container(header.centre, header.scale, dhfs, metadata, weights.codec)
 
 
 def read_header(data: bytes) -> Header:
@@ -151,7 +153,7 @@ def _check_signature(data: bytes) -> None:
     raise SignatureError("this is not a .cndhf file (wrong signature)")
 
 
-def _sole(header: Header, kind: int, codec: int, name: str, optional: bool = False) -> Section | None:
+def _sole(header: Header, kind: int, codecs: tuple[int, ...], name: str, optional: bool = False) -> Section | None:
     found = [s for s in header.sections if s.kind == kind]
     if len(found) > 1:
         raise SectionError(f"the {name} section appears {len(found)} times; once is allowed")
@@ -159,8 +161,8 @@ def _sole(header: Header, kind: int, codec: int, name: str, optional: bool = Fal
         if optional:
             return None
         raise SectionError(f"the {name} section is missing")
-    if found[0].codec != codec:
-        raise SectionError(f"the {name} section has codec {found[0].codec}; this decoder reads {codec}")
+    if found[0].codec not in codecs:
+        raise SectionError(f"the {name} section has codec {found[0].codec}; this decoder reads {list(codecs)}")
     return found[0]
 
 
@@ -210,16 +212,25 @@ def _check_draft(d: _Draft, i: int) -> None:
         raise FieldError(f"DHF {i}: field omega is zero")
 
 
-def _read_symbols(body: bytes, drafts: list[_Draft]) -> list[tuple[Symbols, ...]]:
+def _by_dhf(tensors: list[Symbols], drafts: list[_Draft]) -> list[tuple[Symbols, ...]]:
+    rest = iter(tensors)
+    return [tuple(next(rest).reshape(shape) for shape in tensor_shapes(d.width, d.hidden_layers)) for d in drafts]
+
+
+def _read_rans(body: bytes, drafts: list[_Draft]) -> list[Symbols]:
+    if any(code & c.STEP_WIDE for d in drafts for code in d.codes):
+        raise FieldError("a step byte has bit 7 set, which codec 2 of the weights section does not use")
+    return rans.decode(body, [n for d in drafts for n in d.sizes()])
+
+
+def _read_zstd(body: bytes, drafts: list[_Draft]) -> list[Symbols]:
     wide = [bool(code & c.STEP_WIDE) for d in drafts for code in d.codes]
     sizes = [n for d in drafts for n in d.sizes()]
     n_low = sum(sizes)
     n_high = sum(n for n, w in zip(sizes, wide, strict=True) if w)
     raw = np.frombuffer(_decompress(body, n_low + n_high), dtype=np.uint8)
-
     symbols, low, high = [], 0, n_low
-    shapes = [s for d in drafts for s in tensor_shapes(d.width, d.hidden_layers)]
-    for shape, n, w in zip(shapes, sizes, wide, strict=True):
+    for n, w in zip(sizes, wide, strict=True):
         u = raw[low : low + n].astype(np.int32)
         low += n
         if w:
@@ -228,12 +239,8 @@ def _read_symbols(body: bytes, drafts: list[_Draft]) -> list[tuple[Symbols, ...]
         s = np.where(u & 1, -((u + 1) >> 1), u >> 1).astype(np.int32)
         if s.size and s.min() < -c.MAX_SYMBOL:
             raise FieldError(f"a weight symbol is below -{c.MAX_SYMBOL}")
-        symbols.append(s.reshape(shape))
-    out, at = [], 0
-    for d in drafts:
-        out.append(tuple(symbols[at : at + len(d.codes)]))
-        at += len(d.codes)
-    return out
+        symbols.append(s)
+    return symbols
 
 
 def _decompress(body: bytes, size: int) -> bytes:

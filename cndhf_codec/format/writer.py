@@ -10,6 +10,7 @@ import zstandard
 
 from ..errors import OptionError
 from . import constants as c
+from . import rans
 from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
 from .reader import loads
 
@@ -22,11 +23,16 @@ def dumps(container: Container) -> bytes:
     Raises OptionError when the container holds something that the format cannot say or that a reader
     would refuse, so that no unreadable file is ever written.
     """
-    sections = [
-        (c.KIND_RECORDS, c.CODEC_RAW, b"".join(_record(d) for d in container.dhfs)),
-        (c.KIND_WEIGHTS, c.CODEC_ZSTD, _compress(pack_symbols(container.dhfs))),
-    ]
-    metadata = _metadata(container.metadata)
+    zstd = container.codec == c.CODEC_ZSTD
+    if not zstd and container.codec != c.CODEC_RANS:
+        raise OptionError(f"the weights codec is {container.codec}; there are {c.CODEC_ZSTD} and {c.CODEC_RANS}")
+    records = b"".join(_record(d, mark_wide=zstd) for d in container.dhfs)
+    if zstd:
+        weights = _compress(pack_symbols(container.dhfs))
+    else:
+        weights = rans.encode([s for d in container.dhfs for s in d.symbols])
+    sections = [(c.KIND_RECORDS, c.CODEC_RAW, records), (c.KIND_WEIGHTS, container.codec, weights)]
+    metadata = pack_metadata(container.metadata)
     if metadata:
         sections.append((c.KIND_METADATA, c.CODEC_RAW, metadata))
     try:
@@ -70,7 +76,7 @@ def pack_symbols(dhfs: tuple[DhfRecord, ...]) -> bytes:
     return b"".join(plane.tobytes() for plane in low + high)
 
 
-def _record(dhf: DhfRecord) -> bytes:
+def _record(dhf: DhfRecord, mark_wide: bool) -> bytes:
     # The reader cannot see these: it would read another container than this one.
     if not all(0 <= code <= c.STEP_CODE_MASK for code in dhf.step_codes):
         raise OptionError(f"a step code is outside 0 to {c.STEP_CODE_MASK}")
@@ -78,7 +84,8 @@ def _record(dhf: DhfRecord) -> bytes:
     if [s.shape for s in dhf.symbols] != shapes or len(dhf.step_codes) != len(shapes):
         raise OptionError(f"a DHF needs symbols of shapes {shapes} and a step code for each")
     codes = bytes(
-        code | (c.STEP_WIDE if is_wide(s) else 0) for code, s in zip(dhf.step_codes, dhf.symbols, strict=True)
+        code | (c.STEP_WIDE if mark_wide and is_wide(s) else 0)
+        for code, s in zip(dhf.step_codes, dhf.symbols, strict=True)
     )
     try:
         head = struct.pack(
@@ -105,7 +112,8 @@ def _compress(raw: bytes) -> bytes:
     return frame.removeprefix(c.ZSTD_MAGIC)
 
 
-def _metadata(meta: Metadata) -> bytes:
+def pack_metadata(meta: Metadata) -> bytes:
+    """Body of the metadata section; empty when there is nothing to say."""
     out = b""
     if meta.encoder is not None:
         out += _tlv(c.TAG_ENCODER, _utf8(meta.encoder))

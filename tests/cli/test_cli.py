@@ -62,9 +62,7 @@ def box(tmp_path) -> Path:
 @pytest.mark.usefixtures("tiny")
 def test_encode_decode_info(run, box, tmp_path):
     target, mesh = tmp_path / "box.cndhf", tmp_path / "back.ply"
-    code, out, err = run(
-        "encode", box, target, "--preset", "fast", "--source-name", "--seed", "3", "--threads", "1"
-    )
+    code, out, err = run("encode", box, target, "--preset", "fast", "--source-name", "--seed", "3", "--threads", "1")
     assert (code, err) == (0, "")
     assert f"{target}: {target.stat().st_size} bytes" in out
     assert "error in input units" in out
@@ -242,9 +240,7 @@ def test_help_and_version(run, name):
 )
 def test_missing_extra(model, box, tmp_path, name, gone, extra):
     # In a fresh interpreter: nothing that this process has imported may stand in for the missing library.
-    arguments = {"encode": [box, tmp_path / "a.cndhf"], "decode": [model, tmp_path / "a.ply"], "info": [model]}[
-        name
-    ]
+    arguments = {"encode": [box, tmp_path / "a.cndhf"], "decode": [model, tmp_path / "a.ply"], "info": [model]}[name]
     code = f"import sys; sys.modules[{gone!r}] = None; from cndhf_codec import cli; cli.{name}()"
     command = [sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

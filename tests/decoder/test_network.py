@@ -19,9 +19,7 @@ def by_hand(tensors, uv, omega_first, omega_hidden) -> list[float]:
     x = [float(k) for k in uv]
     pairs = list(zip(tensors[0::2], tensors[1::2], strict=True))
     for layer, (W, b) in enumerate(pairs):
-        sums = [
-            sum(float(w) * k for w, k in zip(row, x, strict=True)) + float(c) for row, c in zip(W, b, strict=True)
-        ]
+        sums = [sum(float(w) * k for w, k in zip(row, x, strict=True)) + float(c) for row, c in zip(W, b, strict=True)]
         omega = omega_first if layer == 0 else omega_hidden
         x = sums if layer == len(pairs) - 1 else [math.sin(omega * s) for s in sums]
     return x

@@ -70,9 +70,7 @@ def test_walls_of_a_slot_are_seen_along_the_slot_and_not_across_it():
     # Into the slot, a little upward: that sees its floor and not its ceiling.
     up, down, z = visibility(solid, np.array([[1, 0, 0.02], [1, 0, -0.02], [0, 0, 1]]), 0, 1)
     centre = solid.vertices[solid.faces].mean(axis=1)
-    floor, ceiling = (
-        (np.abs(centre[:, 2] - at) < 1e-3) & (np.abs(solid.normals[:, 2]) > 0.9) for at in (-0.1, 0.1)
-    )
+    floor, ceiling = ((np.abs(centre[:, 2] - at) < 1e-3) & (np.abs(solid.normals[:, 2]) > 0.9) for at in (-0.1, 0.1))
     assert floor.sum() >= 2
     assert ceiling.sum() >= 2
     assert up[floor].all()

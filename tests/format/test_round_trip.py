@@ -24,9 +24,7 @@ metadata = st.builds(
     texts,
     st.none() | st.tuples(errors, errors, errors),
 )
-bounds = (
-    st.tuples(st.integers(-32768, 32767), st.integers(-32768, 32767)).filter(lambda b: b[0] != b[1]).map(sorted)
-)
+bounds = st.tuples(st.integers(-32768, 32767), st.integers(-32768, 32767)).filter(lambda b: b[0] != b[1]).map(sorted)
 
 
 @st.composite

@@ -1,0 +1,36 @@
+"""The published method: axes by area, every double height field fitted alone, weights rounded finely."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from ..format import DhfRecord
+from .axes import choose_axes
+from .fit import fit_all
+from .heights import frame_for_axis, height_targets
+from .progress import Stage
+from .quantise import quantise
+from .settings import Settings
+from .solid import Solid
+
+
+def encode_paper(
+    solid: Solid, settings: Settings, seed: int, device: torch.device, threads: int, stage: Stage
+) -> tuple[list[DhfRecord], float, float, float]:
+    """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes."""
+    stage("axes", 1)
+    choice = choose_axes(solid, seed, threads, settings.rarity, settings.coverage, settings.max_axes)
+    if choice.visible == 0:
+        return [], 0.0, 0.0, 0.0
+    frames = [frame_for_axis(axis, solid.vertices) for axis in choice.axes]
+    targets = [height_targets(solid, f, settings.target_resolution) for f in frames]
+    on_fit = stage("fit", settings.steps * len(targets))
+    fitted = fit_all(targets, settings, seed, device, threads, lambda done, total, loss: on_fit(done, loss))
+    on_rounded = stage("round", len(targets))
+    records = []
+    for k, (tensors, target) in enumerate(zip(fitted, targets, strict=True)):
+        records.append(quantise(tensors, target, settings, seed))
+        on_rounded(k + 1, math.nan)
+    return records, float(choice.covered[-1]), choice.visible, max(t.unknown for t in targets)

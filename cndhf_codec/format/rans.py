@@ -1,0 +1,198 @@
+"""Codec 2 of the weights section: range asymmetric numeral systems (Duda, 2013) with a rounded Gaussian a tensor.
+
+Integers only, so that every machine decodes the same symbols. A symbol is coded as the bucket of its magnitude, in the
+tensor's frequency table; the bits below the bucket, equally likely; and its sign, if it is not zero.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import LimitError, OptionError, PayloadError
+from .constants import MAX_SYMBOL
+
+SCALE_CODES = 60  # scale code c: standard deviation 2^(c / 4 - 2)
+BUCKETS = 64  # the last one is the escape: 16 bits of magnitude follow
+ESCAPE = BUCKETS - 1
+TOTAL_BITS = 14  # frequencies of a table add up to 2^14
+LOW = 2**23  # the state lies in [LOW, 256 LOW) between symbols
+MAX_SYMBOLS_A_BYTE = 8  # a section that claims more symbols than this for each of its bytes is refused
+
+# First ratio and ratio of ratios of a Gaussian's values at steps of 1, times 2^24, for standard deviations
+# 2^(t / 4 - 2): t = 0 to 23 at 0, 1, 2, ...; t = 24 to 27 those of t - 4 at 0.5, 1.5, 2.5, ...
+RATIOS: tuple[tuple[int, int], ...] = (
+    (5628, 2),
+    (58611, 205),
+    (307285, 5628),
+    (991630, 58611),
+    (2270549, 307285),
+    (4078822, 991630),
+    (6171993, 2270549),
+    (8272320, 4078822),
+    (10175896, 6171993),
+    (11780768, 8272320),
+    (13066109, 10175896),
+    (14058751, 11780768),
+    (14805841, 13066109),
+    (15357953, 14058751),
+    (15760736, 14805841),
+    (16051906, 15357953),
+    (16261035, 15760736),
+    (16410554, 16051906),
+    (16517109, 16261035),
+    (16592872, 16410554),
+    (16646655, 16517109),
+    (16684790, 16592872),
+    (16711808, 16646655),
+    (16730939, 16684790),
+    (16517109, 16517109),
+    (16592872, 16592872),
+    (16646655, 16646655),
+    (16684790, 16684790),
+)
+
+Symbols = npt.NDArray[np.int32]
+
+
+def low_bits(scale_code: int) -> int:
+    """How many bits of a magnitude lie below its bucket."""
+    return max(0, scale_code // 4 - 5)
+
+
+@lru_cache(maxsize=SCALE_CODES)
+def frequencies(scale_code: int) -> tuple[int, ...]:
+    """The table of a scale code: `BUCKETS` frequencies, each at least 1, that add up to 2^14."""
+    wide = scale_code >= 24
+    ratio, change = RATIOS[24 + scale_code % 4 if wide else scale_code]
+    value = 1 << 24
+    weights = [value if wide else value >> 1]  # zero has one sign only
+    for _ in range(1, ESCAPE):
+        value = value * ratio >> 24
+        ratio = ratio * change >> 24
+        weights.append(value)
+    weights.append(0)
+    total = sum(weights)
+    table = [1 + w * ((1 << TOTAL_BITS) - BUCKETS) // total for w in weights]
+    table[0] += (1 << TOTAL_BITS) - sum(table)
+    return tuple(table)
+
+
+@lru_cache(maxsize=SCALE_CODES)
+def _starts(scale_code: int) -> tuple[int, ...]:
+    out, total = [], 0
+    for f in frequencies(scale_code):
+        out.append(total)
+        total += f
+    return tuple(out)
+
+
+@lru_cache(maxsize=SCALE_CODES)
+def _lookup(scale_code: int) -> bytes:
+    return bytes(np.repeat(np.arange(BUCKETS, dtype=np.uint8), frequencies(scale_code)))
+
+
+def best_scale_code(symbols: Symbols) -> int:
+    """The scale code that codes a tensor in the fewest bits."""
+    magnitude = np.abs(symbols.astype(np.int64)).ravel()
+    return int(np.argmin([_bits(magnitude, code) for code in range(SCALE_CODES)]))
+
+
+def encoded_size(tensors: list[Symbols]) -> float:
+    """Bytes of the section, to within two or so, without coding it."""
+    bits = [min(_bits(np.abs(t.astype(np.int64)).ravel(), c) for c in range(SCALE_CODES)) for t in tensors]
+    return len(tensors) + 4 + sum(bits) / 8
+
+
+def _bits(magnitude: npt.NDArray[np.int64], code: int) -> float:
+    low = low_bits(code)
+    bucket = np.minimum(magnitude >> low, ESCAPE)
+    cost = TOTAL_BITS - np.log2(np.array(frequencies(code), dtype=np.float64))
+    return float(cost[bucket].sum() + np.where(bucket == ESCAPE, 16, low).sum() + np.count_nonzero(magnitude))
+
+
+def encode(tensors: list[Symbols]) -> bytes:
+    """The section's bytes: a scale code a tensor, the state as u32, then the bytes that the decoder shifts in.
+
+    Raises OptionError for a symbol beyond `MAX_SYMBOL`.
+    """
+    codes = [best_scale_code(t) for t in tensors]
+    steps: list[tuple[int, int, int]] = []  # start, frequency, bits of the total
+    for tensor, code in zip(tensors, codes, strict=True):
+        low, table, starts = low_bits(code), frequencies(code), _starts(code)
+        for s in tensor.ravel().tolist():
+            magnitude = abs(s)
+            if magnitude > MAX_SYMBOL:
+                raise OptionError(f"a symbol is larger than {MAX_SYMBOL}; use a coarser step")
+            bucket = min(magnitude >> low, ESCAPE)
+            steps.append((starts[bucket], table[bucket], TOTAL_BITS))
+            if bucket == ESCAPE:
+                steps.append((magnitude >> 8, 1, 8))
+                steps.append((magnitude & 0xFF, 1, 8))
+            elif low:
+                steps.append((magnitude & ((1 << low) - 1), 1, low))
+            if magnitude:
+                steps.append((int(s < 0), 1, 1))
+    state, out = LOW, bytearray()
+    for start, frequency, bits in reversed(steps):
+        limit = (LOW >> bits << 8) * frequency
+        while state >= limit:
+            out.append(state & 0xFF)
+            state >>= 8
+        state = (state // frequency << bits) + start + state % frequency
+    return bytes(codes) + state.to_bytes(4, "little") + bytes(reversed(out))
+
+
+def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
+    """Symbols of the tensors with these sizes, flat. Raises LimitError or PayloadError."""
+    if sum(sizes) > MAX_SYMBOLS_A_BYTE * len(body):
+        raise LimitError(f"the weights section has {len(body)} bytes for {sum(sizes)} symbols: more than 8 a byte")
+    if len(body) < len(sizes) + 4:
+        raise PayloadError("the weights section ends inside its scale codes")
+    codes = body[: len(sizes)]
+    if max(codes) >= SCALE_CODES:
+        raise PayloadError(f"a scale code of the weights section is {max(codes)}; 0 to {SCALE_CODES - 1} are allowed")
+    at = len(sizes) + 4
+    state = int.from_bytes(body[at - 4 : at], "little")
+    if not LOW <= state < LOW << 8:
+        raise PayloadError("the weights section starts with an impossible state")
+    end = len(body)
+    mask = (1 << TOTAL_BITS) - 1
+
+    def uniform(bits: int) -> int:
+        nonlocal state, at
+        value = state & ((1 << bits) - 1)
+        state >>= bits
+        while state < LOW:
+            if at == end:
+                raise PayloadError("the weights section ends inside its symbols")
+            state = state << 8 | body[at]
+            at += 1
+        return value
+
+    tensors = []
+    for size, code in zip(sizes, codes, strict=True):
+        low, table, starts, lookup = low_bits(code), frequencies(code), _starts(code), _lookup(code)
+        values = []
+        for _ in range(size):
+            bucket = lookup[state & mask]
+            state = table[bucket] * (state >> TOTAL_BITS) + (state & mask) - starts[bucket]
+            while state < LOW:
+                if at == end:
+                    raise PayloadError("the weights section ends inside its symbols")
+                state = state << 8 | body[at]
+                at += 1
+            if bucket == ESCAPE:
+                magnitude = uniform(8) << 8
+                magnitude |= uniform(8)
+            else:
+                magnitude = bucket << low | uniform(low) if low else bucket
+            values.append(-magnitude if magnitude and uniform(1) else magnitude)
+        if max(map(abs, values)) > MAX_SYMBOL:
+            raise PayloadError(f"a weight symbol is beyond {MAX_SYMBOL}")
+        tensors.append(np.array(values, dtype=np.int32))
+    if state != LOW or at != end:
+        raise PayloadError("the weights section goes on after its last symbol, or is damaged")
+    return tensors
