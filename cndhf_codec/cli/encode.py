@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import OptionError
 from ..files import check_output
 
 if TYPE_CHECKING:
@@ -30,6 +32,11 @@ OPEN = 0.001
 )
 @click.option("--axes", type=int, help="Use at most this many double height fields.  [default: the preset's]")
 @click.option("--width", type=int, help="Neurons in each layer of the networks.  [default: the preset's]")
+@click.option(
+    "--target-size",
+    metavar="SIZE",
+    help="Most bytes of OUTPUT, such as 4096, 4KB or 4KiB.  [default: the preset's]",
+)
 @click.option("--seed", type=int, default=0, help="Equal seeds give equal bytes on one kind of machine.")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Where to fit.")
 @click.option("--threads", type=int, help="Threads to use.  [default: all]")
@@ -43,6 +50,7 @@ def command(
     preset: str,
     axes: int | None,
     width: int | None,
+    target_size: str | None,
     seed: int,
     device: str,
     threads: int | None,
@@ -65,6 +73,7 @@ def command(
             preset,
             axes=axes,
             width=width,
+            target_size=None if target_size is None else parse_size(target_size),
             seed=seed,
             device=device,
             threads=threads,
@@ -78,6 +87,15 @@ def command(
         click.echo(f"cndhf-encode: warning: {line}", err=True)
     if not quiet:
         click.echo(_summary(target, model, report))
+
+
+def parse_size(text: str) -> int:
+    """Bytes of a size such as 4096, 4096B, 4KB, 4.5KiB or 1MB. Raises OptionError."""
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(B|KB|KiB|MB|MiB)?\s*", text, re.IGNORECASE)
+    if match is None:
+        raise OptionError(f"target size is {text!r}; give bytes, or a number with B, KB, KiB, MB or MiB")
+    units = {"b": 1, "kb": 1000, "kib": 1024, "mb": 1000**2, "mib": 1024**2}
+    return int(float(match[1]) * units[(match[2] or "B").lower()])
 
 
 def _summary(target: Path, model: Model, report: Report) -> str:

@@ -73,13 +73,13 @@ _DEFAULT = Settings(
     laplacian=0.0,
     samples=400_000,
     trial_steps=300,
-    tune_steps=3000,
+    tune_steps=5000,
     tune_rate=1.5e-3,
     quantisation_loss=0.01,
-    bits=5.5,
+    bits=5.2,
     rounds=4,
-    round_steps=250,
-    round_rate=1e-3,
+    round_steps=400,
+    round_rate=2.5e-4,
     verify_resolution=256,
 )
 

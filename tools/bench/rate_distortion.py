@@ -1,0 +1,188 @@
+"""Error against bytes: our files and what users do today, in one run.
+
+    python tools/bench/rate_distortion.py results/0.1 rocker-arm armadillo --budgets 1024,2048,4096
+
+Writes <out>/points.tsv (a row a measured point, the store that makes the run resumable), <out>/ratios.tsv (per mesh
+and budget: the best peer's CD, interpolated log-log on the lower envelope of its points, over ours; geometric means)
+and a plot per mesh. Our files go through the command line tools; all errors are against the original mesh,
+normalised, in thousandths: CD, p99, maximum. A mesh is a name of the corpus (CNDHF_CORPUS) or a path.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import click
+import matplotlib
+import numpy as np
+import trimesh
+from tqdm import tqdm
+
+from cndhf_codec.encoder.normalise import normalisation
+from cndhf_codec.encoder.read import Mesh, read_mesh
+from cndhf_codec.encoder.verify import surface_distances
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+COLUMNS = ("mesh", "method", "budget", "bytes", "CD", "p99", "max", "encode s", "decode s")
+ROOT = Path(__file__).parents[2]
+CORPUS = Path(os.environ.get("CNDHF_CORPUS", ROOT.parent / "shared" / "corpus"))
+
+Row = dict[str, str]
+
+
+def mesh_path(name: str) -> Path:
+    path = Path(name)
+    return path if path.exists() else next(iter(sorted(CORPUS.glob(f"{name}.*"))), path)
+
+
+def row(mesh: Mesh, out: tuple[np.ndarray, np.ndarray], fields: dict[str, object]) -> Row:
+    norm = normalisation(mesh)
+    d = surface_distances(norm.apply(mesh.vertices), mesh.faces, norm.apply(out[0]), out[1])
+    figures = {"CD": d.chamfer * 1e3, "p99": d.p99 * 1e3, "max": d.maximum * 1e3}
+    return {k: f"{v:.4g}" if isinstance(v, float) else str(v) for k, v in {**fields, **figures}.items()}
+
+
+def measure_peers(name: str) -> list[Row]:
+    import peers
+
+    mesh = read_mesh(mesh_path(name))
+    rows = []
+    for points in (peers.draco, peers.meshopt):
+        for method, size, out, encode, decode in points(mesh.vertices, mesh.faces):
+            fields = {"mesh": name, "method": method, "budget": "-", "bytes": size}
+            rows.append(row(mesh, out, {**fields, "encode s": encode, "decode s": decode}))
+    return rows
+
+
+def measure_ours(name: str, preset: str, budget: int, threads: int) -> list[Row]:
+    mesh = read_mesh(mesh_path(name))
+    with tempfile.TemporaryDirectory() as folder:
+        coded, back = Path(folder) / "x.cndhf", Path(folder) / "x.ply"
+        encode = ["cndhf-encode", str(mesh_path(name)), str(coded), "--quiet", "--preset", preset]
+        start = time.perf_counter()
+        subprocess.run([*encode, "--target-size", str(budget), "--threads", str(threads)], check=True)
+        middle = time.perf_counter()
+        subprocess.run(["cndhf-decode", str(coded), str(back), "--quiet", "--resolution", "384"], check=True)
+        end = time.perf_counter()
+        surface = trimesh.load(back, process=False)
+        out = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
+        fields = {"mesh": name, "method": f"cndhf {preset}", "budget": budget, "bytes": coded.stat().st_size}
+        return [row(mesh, out, {**fields, "encode s": middle - start, "decode s": end - middle})]
+
+
+def load_rows(path: Path) -> list[Row]:
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def envelope(rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:
+    """Bytes and CD of the points that no point of fewer bytes beats."""
+    points = sorted((int(r["bytes"]), float(r["CD"])) for r in rows)
+    best: list[tuple[int, float]] = []
+    for size, cd in points:
+        if not best or cd < best[-1][1]:
+            best.append((size, cd))
+    return np.array([p[0] for p in best], dtype=float), np.array([p[1] for p in best])
+
+
+def ratio_of(ours: Row, peers: list[Row]) -> float:
+    sizes, errors = envelope(peers)
+    size = float(ours["bytes"])
+    if not sizes[0] <= size <= sizes[-1]:
+        return float("nan")
+    return float(np.exp(np.interp(np.log(size), np.log(sizes), np.log(errors)))) / float(ours["CD"])
+
+
+def write_ratios(out: Path, rows: list[Row]) -> None:
+    lines = ["mesh\tmethod\tbudget\tbytes\tCD\tp99\tmax\tratio to the best peer\tencode s\tdecode s"]
+    groups: dict[tuple[str, str], list[float]] = {}
+    for r in sorted((r for r in rows if r["method"].startswith("cndhf")), key=lambda r: (int(r["budget"]), r["mesh"])):
+        peers = [p for p in rows if p["mesh"] == r["mesh"] and not p["method"].startswith("cndhf")]
+        if not peers:
+            continue
+        ratio = ratio_of(r, peers)
+        groups.setdefault((r["method"], r["budget"]), []).append(ratio)
+        cells = [r[k] for k in ("mesh", "method", "budget", "bytes", "CD", "p99", "max")]
+        lines.append("\t".join([*cells, f"{ratio:.2f}", r["encode s"], r["decode s"]]))
+    for (method, budget), ratios in groups.items():
+        known = np.array([x for x in ratios if np.isfinite(x)])
+        if len(known):
+            mean = np.exp(np.log(known).mean())
+            lines.append(
+                f"geometric mean of {len(known)}\t{method}\t{budget}\t\t\t\t\t{mean:.2f} (least {known.min():.2f})\t\t"
+            )
+    (out / "ratios.tsv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def plot(out: Path, name: str, rows: list[Row]) -> None:
+    figure, axis = plt.subplots(figsize=(5, 4))
+    of_mesh = [r for r in rows if r["mesh"] == name]
+    for start in ("draco", "meshopt"):
+        peers = [r for r in of_mesh if r["method"].startswith(start)]
+        if peers:
+            axis.loglog(*envelope(peers), label=start, marker=".")
+    for method in sorted({r["method"] for r in of_mesh if r["method"].startswith("cndhf")}):
+        ours = sorted((int(r["bytes"]), float(r["CD"])) for r in of_mesh if r["method"] == method)
+        axis.loglog(*zip(*ours, strict=True), label=method, marker="o")
+    axis.set(xlabel="bytes", ylabel="CD x 1000", title=name)
+    axis.grid(True, which="both", alpha=0.3)
+    axis.legend()
+    figure.tight_layout()
+    figure.savefig(out / f"{name}.png", dpi=100)
+    plt.close(figure)
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("names", nargs=-1, required=True)
+@click.option("--budgets", default="1024,2048,4096,8192,16384", show_default=True, help="Bytes.")
+@click.option("--preset", default="default", show_default=True)
+@click.option("--jobs", default=1, show_default=True, help="Points computed at a time.")
+def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, jobs: int) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    store = out / "points.tsv"
+    rows = load_rows(store)
+    have = {(r["mesh"], r["method"], r["budget"]) for r in rows}
+    with_peers = {r["mesh"] for r in rows if not r["method"].startswith("cndhf")}
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+    with ProcessPoolExecutor(jobs) as pool:
+        work = [pool.submit(measure_peers, n) for n in names if n not in with_peers]
+        for budget in (int(b) for b in budgets.split(",")):
+            for name in names:
+                if (name, f"cndhf {preset}", str(budget)) not in have:
+                    work.append(pool.submit(measure_ours, name, preset, budget, threads))
+        failed = []
+        for done in tqdm(as_completed(work), total=len(work), unit="point"):
+            error = done.exception()
+            if error is not None:
+                failed.append(str(error))
+                continue
+            rows += done.result()
+            text = "\n".join("\t".join(r[c] for c in COLUMNS) for r in rows)
+            store.write_text("\t".join(COLUMNS) + "\n" + text + "\n", encoding="utf-8")
+            write_ratios(out, rows)
+    for name in names:
+        plot(out, name, rows)
+    for message in failed:
+        click.echo(f"failed: {message}", err=True)
+    if rows:
+        write_ratios(out, rows)
+        click.echo((out / "ratios.tsv").read_text(encoding="utf-8"))
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
