@@ -15,6 +15,7 @@ from .solid import Solid
 
 N_FIBONACCI = 50
 SAMPLES_A_TRIANGLE = 5
+GRAZING = 1e-4  # cosine between a ray and its face's normal, below which the ray lies within the face
 RAY_OFFSET = 1e-5  # a ray starts this far from the surface it leaves (normalised units)
 
 
@@ -138,6 +139,10 @@ def _hits_another(
 ) -> npt.NDArray[np.bool_]:
     """Whether rays from points on the surface hit a triangle other than the one they start on."""
     d = directions.astype(np.float32)
+    # A ray within the plane of its face would graze the faces beside it: start it off the surface.
+    normals = solid.normals[owner].astype(np.float32)
+    grazing = np.abs((normals * d).sum(axis=1)) < GRAZING
+    points = points + np.where(grazing[:, None], RAY_OFFSET * normals, 0)
     hit = solid.first_hits(points + RAY_OFFSET * d, d)
     # A ray that grazes its own triangle can meet it again in float32: start those farther away.
     own = np.flatnonzero(hit == owner)

@@ -19,6 +19,7 @@ from .siren import heights
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
 NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
+STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**16
 FAR = 1e3  # stands for "no such DHF"
 
@@ -30,14 +31,13 @@ class Terms:
     """What a batch of B samples costs.
 
     cost: (B,) loss of each sample. argument: (B,) f (surface) or argument of the hinge (space). weight: (B,)
-    d cost / d |argument| where it is not zero. error: (B,) by how much the active height is too high. dhf: (B,) active
+    d cost / d |argument| where it is not zero. dhf: (B,) active
     DHF. side: (B,) its active height, 0 near, 1 far. uv: one (B, 2) tensor a DHF.
     """
 
     cost: torch.Tensor
     argument: torch.Tensor
     weight: torch.Tensor
-    error: torch.Tensor
     dhf: torch.Tensor
     side: torch.Tensor
     uv: list[torch.Tensor]
@@ -60,9 +60,9 @@ class Composite:
         self._excluded = torch.from_numpy(samples.excluded).to(device)
         self._inside = ~self._excluded.any(dim=1)
         self._violations = torch.empty(0, dtype=torch.int64)
-        distance = self._put(samples.distance)
-        self._margin = (distance / 2).clamp(max=MARGIN)
-        self._weight = 1 + distance / NEAR
+        self._distance = self._put(samples.distance)
+        self._margin = (self._distance / 2).clamp(max=MARGIN)
+        self._weight = 1 + self._distance / NEAR
         # Outside one of the boxes there is nothing that a network could get wrong.
         for x, lo, hi in zip(self._space, self._lo, self._hi, strict=True):
             self._margin[((x < lo) | (x > hi)).any(dim=1) & ~self._inside] = -FAR
@@ -76,6 +76,12 @@ class Composite:
             space[:half] = self._violations[torch.randint(len(self._violations), (half,), generator=generator)]
         return surface.to(self.device), space.to(self.device)
 
+    def strays(self, networks: list[Network]) -> int:
+        """How many space samples far outside the solid are inside the networks' one: floaters."""
+        self.look_for_violations(networks)
+        found = self._violations.to(self.device)
+        return int((self._distance[found] > STRAY).logical_and(~self._inside[found]).sum())
+
     def look_for_violations(self, networks: list[Network]) -> None:
         """Find the space samples on the wrong side of f: rare ones, floaters among them, are seldom drawn by chance."""
         found = []
@@ -84,7 +90,7 @@ class Composite:
             for at in range(0, self.n_space, LOOK_AT_ONCE):
                 part = torch.arange(at, min(at + LOOK_AT_ONCE, self.n_space), device=self.device)
                 terms = self.terms(networks, nothing, part)
-                found.append(part[terms.argument > self._margin[part]])
+                found.append(part[(terms.argument > self._margin[part]) & (terms.cost > 0)])
         self._violations = torch.cat(found).cpu()
 
     def terms(self, networks: list[Network], surface: torch.Tensor, space: torch.Tensor) -> Terms:
@@ -112,18 +118,13 @@ class Composite:
         over, carver = f[n:].masked_fill(~self._excluded[space], FAR).min(dim=1)
         hinge = margin + torch.where(inside, -least, over)
         weight = self._weight[space]
-        violation = torch.relu(hinge)
         dhf = torch.cat([who, torch.where(inside, holder, carver)])
-        active = side.gather(1, dhf[:, None])[:, 0].long()
-        # How much f is too large at the sample; the far height moves f up, the near one down.
-        excess = torch.cat([on_surface, torch.where(inside, -violation, violation)])
         return Terms(
-            cost=torch.cat([on_surface.abs() * cosine, weight * violation]),
+            cost=torch.cat([on_surface.abs() * cosine, weight * torch.relu(hinge)]),
             argument=torch.cat([on_surface, hinge]),
             weight=torch.cat([cosine, weight]),
-            error=torch.where(active == 1, excess, -excess),
             dhf=dhf,
-            side=active,
+            side=side.gather(1, dhf[:, None])[:, 0].long(),
             uv=uvs,
         )
 

@@ -32,7 +32,7 @@ def matrices(networks: list[Network], composite: Composite, seed: int, pool: Exe
     """H of every network, (P, P), from a fresh draw of samples."""
     generator = torch.Generator().manual_seed(seed)
     surface, space = composite.draw(SURFACE, SPACE, generator)
-    return [matrix for matrix, _ in blocks(networks, composite, surface, space, pool)]
+    return blocks(networks, composite, surface, space, pool)
 
 
 def relative_steps(networks: list[Network], matrices_of: list[F64]) -> F64:

@@ -95,14 +95,17 @@ class _TiledSiren(torch.autograd.Function):
         arrays = [t.detach().numpy() for t in tensors]
         points = uv.numpy()
         tiles = [points[at : at + TILE] for at in range(0, len(points), TILE)]
-        ctx.traces = [Trace(arrays, tile, omega) for tile in tiles]
+        # A fit that diverges overflows here; its loss is looked at, and tells.
+        with np.errstate(over="ignore", invalid="ignore"):
+            ctx.traces = [Trace(arrays, tile, omega) for tile in tiles]
         return torch.from_numpy(np.concatenate([t.heights for t in ctx.traces]))
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         g = gradient.numpy()
         total: list[npt.NDArray[np.float32]] = []
-        for k, trace in enumerate(ctx.traces):
-            gradients = trace.gradients(g[k * TILE : (k + 1) * TILE])
-            total = gradients if k == 0 else [a + b for a, b in zip(total, gradients, strict=True)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, trace in enumerate(ctx.traces):
+                gradients = trace.gradients(g[k * TILE : (k + 1) * TILE])
+                total = gradients if k == 0 else [a + b for a, b in zip(total, gradients, strict=True)]
         return (None, None, *(torch.from_numpy(a) for a in total))

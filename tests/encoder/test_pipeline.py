@@ -23,6 +23,12 @@ SMALL = replace(
     batch=1024,
     target_resolution=192,
     verify_resolution=96,
+    target_size=None,
+    bits=7.0,
+    samples=40_000,
+    tune_steps=300,
+    rounds=2,
+    round_steps=100,
 )
 
 
@@ -88,7 +94,7 @@ def test_report(encoded):
     assert (report.faces, report.dropped_faces, report.flipped, report.unknown) == (len(truth.faces), 0, 0, 0)
     assert report.diagonal == pytest.approx(np.linalg.norm(truth.extents))
     assert 0.9 < report.covered <= report.visible <= 1
-    assert set(report.seconds) == {"read", "axes", "heights", "fit", "quantise", "verify"}
+    assert set(report.seconds) == {"read", "axes", "fit", "tune", "round", "verify"}
     assert len(model.dumps()) < 4000
 
 
@@ -159,7 +165,7 @@ def test_progress_goes_through_the_stages_in_order(part):
     seen = []
     encode(part, "fast", progress=lambda stage, done, total, loss=np.nan: seen.append((stage, done, total)))
     stages = list(dict.fromkeys(stage for stage, _, _ in seen))
-    assert stages == ["read", "axes", "heights", "fit", "quantise", "verify"]
+    assert stages == ["read", "axes", "fit", "tune", "round", "verify"]
     for stage in stages:
         steps = [(done, total) for s, done, total in seen if s == stage]
         assert steps[0][0] == 0

@@ -17,8 +17,20 @@ def test_presets():
 
 
 def test_more_work_in_better_presets():
-    work = [PRESETS[p].steps * PRESETS[p].width for p in ("fast", "default", "best")]
-    assert work == sorted(work)
+    for field in ("steps", "tune_steps", "trial_steps", "round_steps"):
+        work = [getattr(PRESETS[p], field) for p in ("fast", "default", "best")]
+        assert work == sorted(work)
+
+
+def test_a_width_and_a_size_exclude_each_other():
+    assert settings_for("default", target_size=2048).width is None
+    assert settings_for("default", width=20).target_size is None
+    with pytest.raises(OptionError, match="both"):
+        settings_for("default", width=20, target_size=2048)
+    with pytest.raises(OptionError, match="target size"):
+        settings_for("default", target_size=10)
+    with pytest.raises(OptionError, match="paper"):
+        settings_for("paper", target_size=4096)
 
 
 def test_options_change_only_what_they_name():

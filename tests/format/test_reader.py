@@ -249,7 +249,7 @@ def test_repeated_section(twice):
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
-@pytest.mark.parametrize("codec", [2, 255])
+@pytest.mark.parametrize("codec", [3, 255])
 def test_unknown_codec(which, codec):
     parts = sections(metadata=b"")
     parts[which] = (parts[which][0], codec, parts[which][2])

@@ -1,0 +1,90 @@
+"""Codec 2: what goes in comes out, in close to the ideal number of bytes, and damage does not pass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cndhf_codec.errors import FormatError, LimitError, OptionError, PayloadError
+from cndhf_codec.format import rans
+from cndhf_codec.format.constants import MAX_SYMBOL
+
+FROZEN = "09 00 53 53 cb 29 fe 7f 01 2c ff 7f ff 7e ff 7f ff 01"
+
+
+def tensor(*values: int) -> np.ndarray:
+    return np.array(values, dtype=np.int32)
+
+
+@given(st.lists(st.lists(st.integers(-MAX_SYMBOL, MAX_SYMBOL), min_size=1, max_size=30), min_size=1, max_size=6))
+@settings(max_examples=100, deadline=None)
+def test_round_trip(values):
+    tensors = [tensor(*v) for v in values]
+    body = rans.encode(tensors)
+    back = rans.decode(body, [t.size for t in tensors])
+    assert all(np.array_equal(a, b) for a, b in zip(back, tensors, strict=True))
+
+
+@pytest.mark.parametrize("deviation", [0.3, 1, 5, 12, 40, 300, 5000])
+def test_a_gaussian_costs_its_entropy(deviation):
+    values = np.rint(np.random.default_rng(0).normal(0, deviation, 20_000)).clip(-MAX_SYMBOL, MAX_SYMBOL)
+    _, counts = np.unique(values, return_counts=True)
+    p = counts / counts.sum()
+    # The counted entropy underestimates that of a wide distribution; the Gaussian's formula does not.
+    bits = -(p * np.log2(p)).sum() if deviation < 20 else np.log2(deviation * np.sqrt(2 * np.pi * np.e))
+    assert len(rans.encode([values.astype(np.int32)])) * 8 / len(values) < 1.01 * bits + 0.01
+
+
+def test_the_estimate_is_the_size():
+    rng = np.random.default_rng(1)
+    tensors = [rng.normal(0, s, 200).astype(np.int32) for s in (0.5, 8, 100, 3000)]
+    assert rans.encoded_size(tensors) == pytest.approx(len(rans.encode(tensors)), abs=3)
+
+
+@pytest.mark.parametrize("code", range(rans.SCALE_CODES))
+def test_every_table_is_a_distribution(code):
+    table = rans.frequencies(code)
+    assert len(table) == rans.BUCKETS
+    assert sum(table) == 2**rans.TOTAL_BITS
+    assert min(table) >= 1
+
+
+def test_frozen_bytes():
+    body = rans.encode([tensor(0, 1, -1, 2, -300), tensor(32767, -32767)])
+    assert body.hex(" ") == FROZEN
+    assert [t.tolist() for t in rans.decode(bytes.fromhex(FROZEN), [5, 2])] == [[0, 1, -1, 2, -300], [32767, -32767]]
+
+
+def test_every_truncation_and_extension_is_refused():
+    body = rans.encode([np.arange(-20, 20, dtype=np.int32)])
+    for length in range(len(body)):
+        with pytest.raises(FormatError):
+            rans.decode(body[:length], [40])
+    with pytest.raises(PayloadError):
+        rans.decode(body + b"\0", [40])
+
+
+def test_a_flipped_state_is_refused():
+    body = bytearray(rans.encode([np.arange(-20, 20, dtype=np.int32)]))
+    body[1:5] = b"\0\0\0\0"
+    with pytest.raises(PayloadError, match="state"):
+        rans.decode(bytes(body), [40])
+
+
+def test_unknown_scale_codes_are_refused():
+    body = bytearray(rans.encode([tensor(1, 2, 3)]))
+    body[0] = rans.SCALE_CODES
+    with pytest.raises(PayloadError, match="scale code"):
+        rans.decode(bytes(body), [3])
+
+
+def test_a_claim_of_many_symbols_in_few_bytes_is_refused_before_any_work():
+    with pytest.raises(LimitError):
+        rans.decode(bytes(10), [81])
+
+
+def test_too_large_symbols_are_not_written():
+    with pytest.raises(OptionError):
+        rans.encode([tensor(MAX_SYMBOL + 1)])
