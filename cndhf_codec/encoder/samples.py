@@ -16,6 +16,7 @@ from ..errors import require
 from .heights import Frame
 from .solid import Solid
 
+AT_WALLS, WALL = 0.25, 0.01  # share of the uniform samples near the walls of the domain boxes, and how near
 OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
 NEAR_SPREADS = (0.01, 0.04)  # standard deviations of the off-surface points' distance from the surface
 
@@ -50,7 +51,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     half = count // 2
     spread = np.asarray(NEAR_SPREADS)[np.arange(half) % len(NEAR_SPREADS)]
     near = points[rng.integers(len(points), size=half)] + rng.normal(size=(half, 3)) * spread[:, None]
-    space = np.concatenate([near, _in_boxes(frames, count - half, rng)])
+    space = np.concatenate([near, _at_walls(_in_boxes(frames, count - half, rng), frames, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
     excluded = np.stack([(solid.first_hits(space, a) < 0) | (solid.first_hits(space, -a) < 0) for a in axes], axis=1)
     # A ray may leave the solid through a hole of the mesh: what is inside by vote is not excluded.
@@ -100,3 +101,17 @@ def _in_boxes(frames: list[Frame], count: int, rng: np.random.Generator) -> npt.
             p = p[((uvz >= f.bounds[:, 0]) & (uvz <= f.bounds[:, 1])).all(axis=1)]
         parts.append(p)
     return np.concatenate(parts)[:count]
+
+
+def _at_walls(
+    points: npt.NDArray[np.float64], frames: list[Frame], rng: np.random.Generator
+) -> npt.NDArray[np.float64]:
+    """Move a share of the points to just inside a wall of a domain box: slivers of solid like to stand there, where
+    few points of the volume are near."""
+    count = round(len(points) * AT_WALLS)
+    walls = [(f, axis, side) for f in frames for axis in range(3) for side in range(2)]
+    for (f, axis, side), part in zip(walls, np.array_split(np.arange(count), len(walls)), strict=True):
+        uvz = points[part] @ f.rotation.T
+        uvz[:, axis] = f.bounds[axis, side] + (1 - 2 * side) * rng.random(len(part)) * WALL
+        points[part] = uvz @ f.rotation
+    return points
