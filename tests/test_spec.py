@@ -13,7 +13,7 @@ import pytest
 import zstandard
 
 from cndhf_codec import loads
-from cndhf_codec.format import Container, DhfRecord, Metadata, dumps
+from cndhf_codec.format import Container, DhfRecord, Metadata, dumps, rans
 
 SPEC = Path(__file__).parent.parent / "spec" / "cndhf.md"
 
@@ -106,3 +106,48 @@ def test_the_printed_limits_are_the_code_s(text: str) -> None:
         f"norm of the four integers {c.QUATERNION_MIN_NORM} to {c.QUATERNION_MAX_NORM}",
     ):
         assert sentence in text
+
+
+def test_the_printed_ratios_are_the_code_s(text: str) -> None:
+    rows = re.findall(r"^\| (\d+) \| (\d+) \| (\d+) \| (\d+) \| (\d+) \| (\d+) \|$", text, re.MULTILINE)
+    printed = {int(r[k]): (int(r[k + 1]), int(r[k + 2])) for r in rows for k in (0, 3)}
+    assert [printed[t] for t in range(28)] == list(rans.RATIOS)
+
+
+def test_a_coder_written_from_the_text_decodes() -> None:
+    tensors = [np.array(v, dtype=np.int32) for v in ([0, 3, -2, 500, -32767, 0], [40, -90, 1000])]
+    body = rans.encode(tensors)
+    state, stream = int.from_bytes(body[2:6], "little"), list(body[6:])
+
+    def decode(n: int, frequencies: list[int]) -> int:
+        nonlocal state
+        m, start, a = state % 2**n, 0, 0
+        while start + frequencies[a] <= m:
+            start += frequencies[a]
+            a += 1
+        state = frequencies[a] * (state >> n) + m - start
+        while state < 2**23:
+            state = 256 * state + stream.pop(0)
+        return a
+
+    def uniform(n: int) -> int:
+        return decode(n, [1] * 2**n)
+
+    for code, tensor in zip(body[:2], tensors, strict=True):
+        b = max(0, code // 4 - 5)
+        p, q = rans.RATIOS[code if code < 24 else 24 + code % 4]
+        v = 2**24
+        w = [v if code >= 24 else v // 2]
+        for _ in range(62):
+            v, p = v * p // 2**24, p * q // 2**24
+            w.append(v)
+        f = [1 + x * (2**14 - 64) // sum(w) for x in [*w, 0]]
+        f[0] += 2**14 - sum(f)
+        got = []
+        for _ in tensor:
+            bucket = decode(14, f)
+            magnitude = uniform(8) * 256 + uniform(8) if bucket == 63 else bucket * 2**b + (uniform(b) if b else 0)
+            got.append(-magnitude if magnitude and uniform(1) else magnitude)
+        assert got == tensor.tolist()
+    assert state == 2**23
+    assert not stream
