@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import OptionError
 from ..files import check_output
+from .sizes import parse_size
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
@@ -87,15 +86,6 @@ def command(
         click.echo(f"cndhf-encode: warning: {line}", err=True)
     if not quiet:
         click.echo(_summary(target, model, report))
-
-
-def parse_size(text: str) -> int:
-    """Bytes of a size such as 4096, 4096B, 4KB, 4.5KiB or 1MB. Raises OptionError."""
-    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(B|KB|KiB|MB|MiB)?\s*", text, re.IGNORECASE)
-    if match is None:
-        raise OptionError(f"target size is {text!r}; give bytes, or a number with B, KB, KiB, MB or MiB")
-    units = {"b": 1, "kb": 1000, "kib": 1024, "mb": 1000**2, "mib": 1024**2}
-    return int(float(match[1]) * units[(match[2] or "B").lower()])
 
 
 def _summary(target: Path, model: Model, report: Report) -> str:

@@ -161,7 +161,8 @@ def round_to_size(
                 best = [
                     _record(f, settings, plan.width, c, s) for f, c, s in zip(plan.frames, codes, symbols, strict=True)
                 ]
-                if strays == 0 and (room is None or size + fixed >= WITHIN * (room + fixed)):
+                enough = room is None or size + fixed >= WITHIN * (room + fixed)
+                if enough and (strays == 0 or attempt > 0):
                     break
             if room is not None and not WITHIN * room <= size <= room:
                 aim *= AIM * room / size

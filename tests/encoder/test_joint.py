@@ -11,11 +11,11 @@ import pytest
 import torch
 import trimesh
 
-from cndhf_codec.cli.encode import parse_size
+from cndhf_codec.cli.sizes import parse_size
 from cndhf_codec.encoder import rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
 from cndhf_codec.encoder.composite import Composite
-from cndhf_codec.encoder.gauss_newton import blocks, fill, flat
+from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
 from cndhf_codec.encoder.joint import width_for
 from cndhf_codec.encoder.normalise import normalisation
@@ -120,36 +120,35 @@ def test_the_matrix_does_not_depend_on_threads(frames, samples):
         assert np.linalg.eigvalsh(x).min() > -1e-6 * np.trace(x)
 
 
-def test_error_feedback_beats_plain_rounding(frames, samples, monkeypatch):
-    monkeypatch.setattr(rounding, "SURFACE", 6000)
-    monkeypatch.setattr(rounding, "SPACE", 3000)
+def test_error_feedback_beats_plain_rounding():
+    rng = np.random.default_rng(0)
+    # Strongly coupled weights, as those of a network are.
+    basis = rng.normal(size=(60, 60)) * np.logspace(0, -2, 60)
+    H = basis @ basis.T
+    theta, step = rng.normal(size=60), np.full(60, 0.1)
+    order = np.argsort(-np.diag(H), kind="stable")
+    rounded = rounding._round_in_order(theta, H, step, order, 60)
+    np.testing.assert_allclose(rounded / step, np.rint(rounded / step), atol=1e-9)
+
+    def cost(w: np.ndarray) -> float:
+        return float((w - theta) @ H @ (w - theta))
+
+    assert cost(rounded) < 0.5 * cost(np.rint(theta / step) * step)
+
+
+def test_rounded_networks_are_multiples_of_their_steps(frames, samples, monkeypatch):
+    monkeypatch.setattr(rounding, "SURFACE", 3000)
+    monkeypatch.setattr(rounding, "SPACE", 1500)
     composite = Composite(samples, frames, 30.0, CPU)
-    nets = networks(width=12)
-    tune(nets, composite, SMALL, 800, 3e-3, 0, lambda step, loss: None)
-    start = [flat(n) for n in nets]
-
-    def loss() -> float:
-        surface, space = composite.draw(6000, 3000, torch.Generator().manual_seed(5))
-        with torch.no_grad():
-            return float(composite.terms(nets, surface, space).cost.mean())
-
+    nets = networks()
     with ThreadPoolExecutor(2) as pool:
         logs = rounding.relative_steps(nets, rounding.matrices(nets, composite, 0, pool))
-        codes = rounding.step_codes(nets, logs, 4.5)
-        steps = [
-            np.concatenate([np.full(t.numel(), 2 ** (-c / 4)) for t, c in zip(n, cs, strict=True)])
-            for n, cs in zip(nets, codes, strict=True)
-        ]
-        for net, theta, step in zip(nets, start, steps, strict=True):
-            fill(net, np.rint(theta / step) * step)
-        plain = loss()
-        for net, theta in zip(nets, start, strict=True):
-            fill(net, theta)
-        rounding.round_networks(nets, composite, replace(SMALL, rounds=1), codes, 0, pool, lambda step, loss: None)
-    assert loss() < 0.9 * plain
-    for net, step in zip(nets, steps, strict=True):
-        symbols = flat(net) / step
-        np.testing.assert_allclose(symbols, np.rint(symbols), atol=1e-3)
+        codes = rounding.step_codes(nets, logs, 5.0)
+        rounding.round_networks(nets, composite, SMALL, codes, 0, pool, lambda step, loss: None)
+    for net, of_net in zip(nets, codes, strict=True):
+        for tensor, code in zip(net, of_net, strict=True):
+            symbols = tensor.detach().double() * 2 ** (code / 4)
+            torch.testing.assert_close(symbols, symbols.round(), atol=1e-2, rtol=0)
 
 
 def test_axes_are_chosen_by_what_they_leave(solid):

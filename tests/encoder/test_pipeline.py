@@ -18,7 +18,7 @@ from cndhf_codec.errors import InputError, MeshError, OptionError
 SMALL = replace(
     settings.PRESETS["fast"],
     max_axes=2,
-    width=12,
+    width=16,
     steps=500,
     batch=1024,
     target_resolution=192,
@@ -26,7 +26,7 @@ SMALL = replace(
     target_size=None,
     bits=7.0,
     samples=40_000,
-    tune_steps=300,
+    tune_steps=900,
     rounds=2,
     round_steps=100,
 )
@@ -95,7 +95,7 @@ def test_report(encoded):
     assert report.diagonal == pytest.approx(np.linalg.norm(truth.extents))
     assert 0.9 < report.covered <= report.visible <= 1
     assert set(report.seconds) == {"read", "axes", "fit", "tune", "round", "verify"}
-    assert len(model.dumps()) < 4000
+    assert len(model.dumps()) < 6000
 
 
 def test_an_open_mesh_comes_back_closed():
@@ -170,7 +170,8 @@ def test_progress_goes_through_the_stages_in_order(part):
         steps = [(done, total) for s, done, total in seen if s == stage]
         assert steps[0][0] == 0
         assert steps[-1][0] == steps[-1][1]
-        assert [d for d, _ in steps] == sorted(d for d, _ in steps)
+        # Rounding starts again when a file is too large or holds a floater.
+        assert stage == "round" or [d for d, _ in steps] == sorted(d for d, _ in steps)
 
 
 @pytest.mark.parametrize(
