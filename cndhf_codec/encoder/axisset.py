@@ -37,7 +37,7 @@ class AxisCosts:
         self.visible = float(self._seen.any(axis=0).mean())
 
     def best(self, count: int) -> list[int]:
-        """The `count` axes of least mean cost: greedy, then single exchanges until none helps; in greedy order."""
+        """The `count` axes of least mean cost: greedy, then single exchanges until none helps; largest share first."""
         chosen: list[int] = []
         for _ in range(count):
             chosen.append(int(np.argmin(self._with(chosen))))

@@ -31,8 +31,8 @@ class Terms:
     """What a batch of B samples costs.
 
     cost: (B,) loss of each sample. argument: (B,) f (surface) or argument of the hinge (space). weight: (B,)
-    d cost / d |argument| where it is not zero. dhf: (B,) active
-    DHF. side: (B,) its active height, 0 near, 1 far. uv: one (B, 2) tensor a DHF.
+    d cost / d |argument| where it is not zero. dhf: (B,) active DHF.
+    side: (B,) its active height, 0 near, 1 far. uv: one (B, 2) tensor a DHF.
     """
 
     cost: torch.Tensor

@@ -119,8 +119,12 @@ def _fit(
 def _optimiser(tensors: list[torch.Tensor], settings: Settings) -> Any:
     if settings.optimiser == "adam":
         return torch.optim.Adam(tensors, lr=settings.learning_rate)
-    # Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024).
-    return SOAP(tensors, lr=settings.learning_rate, betas=(0.95, 0.95), weight_decay=0.0)
+    return soap(tensors, settings.learning_rate)
+
+
+def soap(tensors: list[torch.Tensor], rate: float) -> Any:
+    """The optimiser of Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024)."""
+    return SOAP(tensors, lr=rate, betas=(0.95, 0.95), weight_decay=0.0)
 
 
 class _Images:

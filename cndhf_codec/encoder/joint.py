@@ -47,9 +47,8 @@ def encode_joint(
     """
     with one_torch_thread():
         plan = make_plan(solid, settings, metadata_bytes, seed, device, threads, stage)
-    if plan.visible == 0:
-        return [], 0.0, 0.0, 0.0
-    with one_torch_thread():
+        if plan.visible == 0:
+            return [], 0.0, 0.0, 0.0
         networks, composite, unknown = fit_plan(solid, plan, settings, seed, device, threads, stage)
         records = round_to_size(networks, composite, plan, settings, metadata_bytes, seed, threads, stage)
     return records, plan.covered, plan.visible, unknown

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import torch
-from pytorch_optimizer import SOAP
 
 from ..errors import EncodeError
 from .composite import Composite, Network
+from .fit import soap
 from .progress import OnStep
 from .settings import Settings
 
@@ -33,7 +33,7 @@ def tune(
     held: per tensor a boolean mask of the weights to leave as they are. Raises EncodeError when it diverges.
     """
     generator = torch.Generator().manual_seed(seed)
-    optimisers = [SOAP(n, lr=rate, betas=(0.95, 0.95), weight_decay=0.0) for n in networks]
+    optimisers = [soap(n, rate) for n in networks]
     masks = None if held is None else [m for masks in held for m in masks]
     tensors = [t for n in networks for t in n]
     fixed = None if masks is None else [t.detach()[m].clone() for t, m in zip(tensors, masks, strict=True)]
