@@ -7,14 +7,13 @@ costs on the best axis of the set.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import numpy.typing as npt
 
 from .axes import fibonacci_sphere
 from .samples import surface_points, visible_points
 from .solid import Solid
+from .team import Team
 
 DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
 POINTS = 20_000
@@ -27,11 +26,10 @@ F64 = npt.NDArray[np.float64]
 class AxisCosts:
     """Cost of every candidate axis at every sample of the surface."""
 
-    def __init__(self, solid: Solid, seed: int, threads: int) -> None:
+    def __init__(self, solid: Solid, seed: int, team: Team) -> None:
         points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
         self.axes = _candidates(solid)
-        with ThreadPoolExecutor(threads) as pool:
-            rows = list(pool.map(lambda a: _cost(solid, points, normals, a), self.axes))
+        rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
         self.costs = np.stack([cost for cost, _ in rows])
         self._seen = np.stack([seen for _, seen in rows])
         self.visible = float(self._seen.any(axis=0).mean())

@@ -9,21 +9,23 @@ Every sample is answered for by one height of one DHF, the active one:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 
+from . import kernel
 from .heights import Frame
 from .samples import Samples
-from .siren import heights
+from .siren import Networks, heights
+from .team import Team
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
 NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
-LOOK_AT_ONCE = 2**16
-FAR = 1e3  # stands for "no such DHF"
-
-Network = list[torch.Tensor]
+LOOK_AT_ONCE = 2**15
+SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
+FAR = float(kernel.FAR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +48,13 @@ class Terms:
 class Composite:
     """Samples in the frame of every DHF, ready to be drawn from."""
 
-    def __init__(self, samples: Samples, frames: list[Frame], omega: float, device: torch.device) -> None:
-        self.device, self.omega = device, omega
+    def __init__(self, samples: Samples, frames: list[Frame], device: torch.device, team: Team) -> None:
+        self.device, self._team = device, team
         self.n_surface, self.n_space = len(samples.surface), len(samples.space)
-        self._lo = [self._put(f.bounds[:, 0]) for f in frames]
-        self._hi = [self._put(f.bounds[:, 1]) for f in frames]
-        rotations = [self._put(f.rotation) for f in frames]
-        surface, space = self._put(samples.surface), self._put(samples.space)
-        self._surface = [surface @ r.T for r in rotations]
-        self._space = [space @ r.T for r in rotations]
+        self._boxes = self._put(np.stack([f.bounds for f in frames]))
+        rotations = self._put(np.stack([f.rotation for f in frames])).mT
+        self._surface = self._put(samples.surface) @ rotations  # (K, N, 3)
+        self._space = self._put(samples.space) @ rotations
         self._seen = torch.from_numpy(samples.seen).to(device)
         self._cosine = self._put(samples.cosine)
         self._excluded = torch.from_numpy(samples.excluded).to(device)
@@ -64,8 +64,9 @@ class Composite:
         self._margin = (self._distance / 2).clamp(max=MARGIN)
         self._weight = 1 + self._distance / NEAR
         # Outside one of the boxes there is nothing that a network could get wrong.
-        for x, lo, hi in zip(self._space, self._lo, self._hi, strict=True):
-            self._margin[((x < lo) | (x > hi)).any(dim=1) & ~self._inside] = -FAR
+        lo, hi = self._boxes[:, None, :, 0], self._boxes[:, None, :, 1]
+        beyond = ((self._space < lo) | (self._space > hi)).any(dim=2).any(dim=0)
+        self._margin[beyond & ~self._inside] = -FAR
 
     def draw(self, n_surface: int, n_space: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """Indices of a random batch; half of its space samples are among those that `look_for_violations` found."""
@@ -76,31 +77,54 @@ class Composite:
             space[:half] = self._violations[torch.randint(len(self._violations), (half,), generator=generator)]
         return surface.to(self.device), space.to(self.device)
 
-    def strays(self, networks: list[Network]) -> int:
+    def strays(self, networks: Networks) -> int:
         """How many space samples far outside the solid are inside the networks' one: floaters."""
         self.look_for_violations(networks)
         found = self._violations.to(self.device)
         return int((self._distance[found] > STRAY).logical_and(~self._inside[found]).sum())
 
-    def look_for_violations(self, networks: list[Network]) -> None:
+    def look_for_violations(self, networks: Networks) -> None:
         """Find the space samples on the wrong side of f: rare ones, floaters among them, are seldom drawn by chance."""
-        found = []
         nothing = torch.empty(0, dtype=torch.int64, device=self.device)
-        with torch.no_grad():
-            for at in range(0, self.n_space, LOOK_AT_ONCE):
-                part = torch.arange(at, min(at + LOOK_AT_ONCE, self.n_space), device=self.device)
-                terms = self.terms(networks, nothing, part)
-                found.append(part[(terms.argument > self._margin[part]) & (terms.cost > 0)])
-        self._violations = torch.cat(found).cpu()
 
-    def terms(self, networks: list[Network], surface: torch.Tensor, space: torch.Tensor) -> Terms:
+        def look(at: int) -> torch.Tensor:
+            part = torch.arange(at, min(at + LOOK_AT_ONCE, self.n_space), device=self.device)
+            with torch.no_grad():
+                terms = self.terms(networks, nothing, part)
+            return part[(terms.argument > self._margin[part]) & (terms.cost > 0)]
+
+        self._violations = torch.cat(self._team.map(look, range(0, self.n_space, LOOK_AT_ONCE))).cpu()
+
+    def gradient(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> tuple[torch.Tensor, float]:
+        """(K, P) gradient in theta of the loss, and the loss: the mean cost of the surface samples and that of the
+        space samples with these indices, added."""
+        if self.device.type != "cpu":
+            theta = networks.theta.detach().requires_grad_()
+            cost = self.terms(replace(networks, theta=theta), surface, space).cost
+            loss = cost[: len(surface)].mean() + cost[len(surface) :].mean()
+            return torch.autograd.grad(loss, theta)[0], loss.item()
+        theta_array, boxes = networks.theta.detach().numpy(), self._boxes.numpy()
+        on_surface = (self._surface.numpy(), self._seen.numpy(), self._cosine.numpy())
+        in_space = tuple(t.numpy() for t in (self._space, self._excluded, self._inside, self._margin, self._weight))
+
+        def shard(s: int) -> tuple[np.ndarray, float]:
+            on, off = (i.numpy()[len(i) * s // SHARDS : len(i) * (s + 1) // SHARDS] for i in (surface, space))
+            scales = (np.float32(1 / max(len(i), 1)) for i in (surface, space))
+            return kernel.composite_gradient(
+                theta_array, *networks.for_kernel, boxes, on_surface, in_space, on, off, *scales
+            )
+
+        gradients, losses = zip(*self._team.map(shard, range(SHARDS)), strict=True)
+        return torch.from_numpy(sum(gradients[1:], start=gradients[0])), sum(losses)
+
+    def terms(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> Terms:
         """Terms of the surface samples and then the space samples with these indices."""
         n = len(surface)
         slack, sides, uvs = [], [], []
-        for k, network in enumerate(networks):
+        for k in range(len(networks)):
             x = torch.cat([self._surface[k][surface], self._space[k][space]])
-            uv = torch.minimum(torch.maximum(x[:, :2], self._lo[k][:2]), self._hi[k][:2])
-            y = heights(network, uv, self.omega)
+            uv = torch.minimum(torch.maximum(x[:, :2], self._boxes[k, :2, 0]), self._boxes[k, :2, 1])
+            y = heights(networks, k, uv)
             above, below = y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]
             slack.append(torch.minimum(above, below))
             sides.append(above < below)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from threading import Event, Lock
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
-from pytorch_optimizer import SOAP
 
 from ..errors import EncodeError, OptionError
 from .heights import HeightTargets
 from .settings import Settings
-from .siren import forward, heights, initialise
+from .siren import Networks, forward, heights, initialise
+from .soap import Soap
+from .team import Team
 
-Tensors = list[npt.NDArray[np.float32]]
 OnSteps = Callable[[int, int, float], None]  # done, total, loss
 
 WARM_UP = 100  # steps of rising learning rate
@@ -53,33 +51,30 @@ def fit_all(
     settings: Settings,
     seed: int,
     device: torch.device,
-    threads: int,
+    team: Team,
     on_steps: OnSteps,
-) -> list[Tensors]:
-    """Fit every DHF alone, `threads` at a time. Each fit runs in one thread, so that the result does not
+) -> list[Networks]:
+    """Fit every DHF alone, side by side. Each fit runs in one thread, so that the result does not
     depend on their number. Raises EncodeError when a fit diverges."""
     stop, lock = Event(), Lock()
     done = [0] * len(targets)
     losses = [math.nan] * len(targets)
 
-    def one(i: int) -> Tensors:
+    def one(i: int) -> Networks:
         def report(step: int, loss: float) -> None:
             with lock:
                 done[i], losses[i] = step, loss
                 on_steps(sum(done), settings.steps * len(targets), float(np.nanmean(losses)))
 
-        return _fit(targets[i], settings, seed + i, device, stop, report)
-
-    with one_torch_thread(), ThreadPoolExecutor(threads if device.type == "cpu" else 1) as pool:
-        futures = [pool.submit(one, i) for i in range(len(targets))]
         try:
-            return [f.result() for f in futures]
+            return _fit(targets[i], settings, seed + i, device, stop, report)
         except BaseException:
             # Interrupted or failed: the other fits must not run on.
             stop.set()
-            for f in futures:
-                f.cancel()
             raise
+
+    # A GPU is not shared.
+    return (team if device.type == "cpu" else Team(1)).map(one, range(len(targets)))
 
 
 def _fit(
@@ -89,42 +84,44 @@ def _fit(
     device: torch.device,
     stop: Event,
     report: Callable[[int, float], None],
-) -> Tensors:
+) -> Networks:
     width = settings.width
     assert width is not None, "a size has been turned into a width before the fit"
     generator = torch.Generator().manual_seed(seed)
-    tensors = [
-        t.to(device).requires_grad_() for t in initialise(width, settings.hidden_layers, settings.omega, generator)
-    ]
+    network = initialise(width, settings.hidden_layers, settings.omega, generator)
+    theta = network.theta.to(device).requires_grad_()
+    network = replace(network, theta=theta)
     loss_of = (_TileLoss if settings.laplacian else _PointLoss)(targets, settings, device, settings.batch)
-    optimiser = _optimiser(tensors, settings)
+    step_by = _adam(theta) if settings.optimiser == "adam" else Soap(network).step
     for step in range(1, settings.steps + 1):
         if stop.is_set():
             break
-        rate = min(1.0, step / WARM_UP) * 0.5 * (1 + math.cos(math.pi * (step - 1) / settings.steps))
-        for group in optimiser.param_groups:
-            group["lr"] = settings.learning_rate * rate
-        loss = loss_of(tensors, generator)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
+        loss = loss_of(network, generator)
+        (gradient,) = torch.autograd.grad(loss, theta)
+        with torch.no_grad():
+            step_by(gradient, settings.learning_rate * cosine_schedule(step, settings.steps, WARM_UP))
         if step % REPORT_EVERY == 0 or step == settings.steps:
             value = loss.item()
             if not math.isfinite(value):
                 raise EncodeError(f"the fit diverged at step {step}; try another --seed")
             report(step, value)
-    return [t.detach().cpu().numpy() for t in tensors]
+    return replace(network, theta=theta.detach().cpu())
 
 
-def _optimiser(tensors: list[torch.Tensor], settings: Settings) -> Any:
-    if settings.optimiser == "adam":
-        return torch.optim.Adam(tensors, lr=settings.learning_rate)
-    return soap(tensors, settings.learning_rate)
+def cosine_schedule(step: int, steps: int, warm_up: int) -> float:
+    """Share of the learning rate at a step, from 1 on: rises in `warm_up` steps, and falls to 0 along a cosine."""
+    return min(1.0, step / warm_up) * 0.5 * (1 + math.cos(math.pi * (step - 1) / steps))
 
 
-def soap(tensors: list[torch.Tensor], rate: float) -> Any:
-    """The optimiser of Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024)."""
-    return SOAP(tensors, lr=rate, betas=(0.95, 0.95), weight_decay=0.0)
+def _adam(theta: torch.Tensor) -> Callable[[torch.Tensor, float], None]:
+    optimiser = torch.optim.Adam([theta])
+
+    def step(gradient: torch.Tensor, rate: float) -> None:
+        optimiser.param_groups[0]["lr"] = rate
+        theta.grad = gradient
+        optimiser.step()
+
+    return step
 
 
 class _Images:
@@ -160,13 +157,13 @@ class _PointLoss:
         self.n_outside = round(batch * (1 - INSIDE)) if outside else 0
         self.n_inside = batch - self.n_outside
 
-    def __call__(self, tensors: list[torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+    def __call__(self, network: Networks, generator: torch.Generator) -> torch.Tensor:
         im, n = self.images, self.n_inside
         inside = im.inside[im.draw(len(im.inside), n, generator)]
         at = inside
         if self.n_outside:
             at = torch.cat([inside, im.outside[im.draw(len(im.outside), self.n_outside, generator)]])
-        y = heights(tensors, im.uv[at], self.settings.omega)
+        y = heights(network, 0, im.uv[at])
         loss = ((y[:n] - im.heights[inside]).abs() * im.known[inside]).sum() / n
         if self.n_outside:
             loss = loss + torch.relu(y[n:, 1] - y[n:, 0] + self.settings.margin).mean()
@@ -185,12 +182,12 @@ class _TileLoss:
         span = torch.arange(self.side)
         self.offsets = (span[:, None] * nv + span).to(device)
 
-    def __call__(self, tensors: list[torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+    def __call__(self, network: Networks, generator: torch.Generator) -> torch.Tensor:
         im, (nu, nv) = self.images, self.images.shape
         u = im.draw(nu - self.side + 1, self.tiles, generator)
         v = im.draw(nv - self.side + 1, self.tiles, generator)
         at = (u * nv + v)[:, None, None] + self.offsets
-        y = forward(tensors, im.uv[at], self.settings.omega)
+        y = forward(network, 0, im.uv[at])
         error = ((y - im.heights[at]).abs() * im.known[at]).sum(dim=-1)
         hinge = torch.relu(y[..., 1] - y[..., 0] + self.settings.margin) * (1 - im.hit[at])
         middle = at[:, 1:-1, 1:-1]

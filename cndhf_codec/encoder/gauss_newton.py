@@ -7,28 +7,26 @@ block a network.
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from .composite import Composite, Network
-from .siren import Trace
+from . import kernel
+from .composite import Composite
+from .siren import Networks
+from .team import Team
 
 HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
 IDLE = 0.03  # weight of a hinge that is kept: what no hinge holds would run away, and come back as a floater
 ROWS = 2048  # of the Jacobian held at once
-SHARDS = 4  # pieces that threads work on
+COLUMNS = 512  # of the matrix that a thread adds to at a time
 SURFACE, SPACE = 40_000, 20_000  # samples that one matrix is built from
 
-F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 
 
 def blocks(
-    networks: list[Network], composite: Composite, surface: torch.Tensor, space: torch.Tensor, pool: Executor
+    networks: Networks, composite: Composite, surface: torch.Tensor, space: torch.Tensor, team: Team
 ) -> list[F64]:
     """Matrix (P, P) of every network, weights in file order, from the samples with these indices."""
     with torch.no_grad():
@@ -41,36 +39,25 @@ def blocks(
     kept = terms.argument[n:].cpu().numpy() <= 0
     weight[n:] *= np.where(kept, IDLE, 1.0) / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
     dhf, side = terms.dhf.cpu().numpy(), terms.side.cpu().numpy()
+    theta = networks.theta.detach().cpu().numpy()
     out = []
-    for k, network in enumerate(networks):
+    for k in range(len(networks)):
         rows = np.flatnonzero((dhf == k) & (weight > 0))
         uv = terms.uv[k].cpu().numpy()
-        tensors = [t.detach().cpu().numpy() for t in network]
-
-        def shard(rows: Any, uv: F32 = uv, tensors: list[F32] = tensors) -> F64:
-            parameters = sum(t.size for t in tensors)
-            matrix = np.zeros((parameters, parameters))
-            for at in range(0, len(rows), ROWS):
-                part = rows[at : at + ROWS]
-                jacobian = Trace(tensors, uv[part], composite.omega).jacobian(side[part])
-                jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
-                matrix += jacobian.T @ jacobian
-            return matrix
-
-        # As many shards on every machine, added in order: the number of threads changes nothing.
-        out.append(np.sum(list(pool.map(shard, np.array_split(rows, SHARDS))), axis=0))
+        H = np.zeros((theta.shape[1], theta.shape[1]))
+        for at in range(0, len(rows), ROWS):
+            part = rows[at : at + ROWS]
+            jacobian = kernel.jacobian(theta[k], *networks.for_kernel, uv[part], side[part])
+            jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
+            _add_square(H, jacobian, team)
+        out.append(np.tril(H) + np.tril(H, -1).T)
     return out
 
 
-def flat(network: Network) -> F64:
-    """All weights of a network, file order."""
-    return np.concatenate([t.detach().cpu().numpy().ravel() for t in network]).astype(np.float64)
+def _add_square(H: F64, jacobian: npt.NDArray[np.float32], team: Team) -> None:
+    """Add J^T J to the lower triangle of H; every thread has columns of its own."""
 
+    def columns(at: int) -> None:
+        H[at:, at : at + COLUMNS] += jacobian[:, at:].T @ jacobian[:, at : at + COLUMNS]
 
-def fill(network: Network, theta: F64) -> None:
-    """The reverse of `flat`, in place."""
-    at = 0
-    with torch.no_grad():
-        for t in network:
-            t.copy_(torch.from_numpy(theta[at : at + t.numel()].reshape(t.shape)))
-            at += t.numel()
+    team.map(columns, range(0, len(H), COLUMNS))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,14 +15,16 @@ from ..format import Container, DhfRecord, rans
 from ..format.constants import MAX_WIDTH, STEPS_PER_OCTAVE
 from ..format.container import Symbols, parameter_count
 from .axisset import AxisCosts
-from .composite import Composite, Network
+from .composite import Composite
 from .fit import fit_all, one_torch_thread
 from .heights import Frame, frame_for_axis, height_targets
 from .progress import Stage
-from .rounding import matrices, relative_steps, round_networks, step_codes
+from .rounding import Codes, matrices, relative_steps, round_networks, step_codes
 from .samples import draw_samples
 from .settings import Settings
+from .siren import Networks, stacked
 from .solid import Solid
+from .team import Team
 from .tune import tune
 from .verify import surface_distances
 
@@ -45,12 +46,12 @@ def encode_joint(
 
     metadata_bytes: size of the metadata section with its row in the table.
     """
-    with one_torch_thread():
-        plan = make_plan(solid, settings, metadata_bytes, seed, device, threads, stage)
+    with one_torch_thread(), Team(threads) as team:
+        plan = make_plan(solid, settings, metadata_bytes, seed, device, team, stage)
         if plan.visible == 0:
             return [], 0.0, 0.0, 0.0
-        networks, composite, unknown = fit_plan(solid, plan, settings, seed, device, threads, stage)
-        records = round_to_size(networks, composite, plan, settings, metadata_bytes, seed, threads, stage)
+        networks, composite, unknown = fit_plan(solid, plan, settings, seed, device, team, stage)
+        records = round_to_size(networks, composite, plan, settings, metadata_bytes, seed, team, stage)
     return records, plan.covered, plan.visible, unknown
 
 
@@ -65,11 +66,11 @@ class Plan:
 
 
 def make_plan(
-    solid: Solid, settings: Settings, metadata_bytes: int, seed: int, device: torch.device, threads: int, stage: Stage
+    solid: Solid, settings: Settings, metadata_bytes: int, seed: int, device: torch.device, team: Team, stage: Stage
 ) -> Plan:
     """Choose the number of axes by short trial fits at the size asked for, and with it the width."""
     stage("axes", 1)
-    costs = AxisCosts(solid, seed, threads)
+    costs = AxisCosts(solid, seed, team)
     most = 1 if costs.visible == 0 else settings.max_axes or 1
     options: list[Plan] = []
     for count in range(1, most + 1):
@@ -86,7 +87,7 @@ def make_plan(
     report = stage("plan", len(options))
     best, least = options[0], math.inf
     for k, plan in enumerate(options):
-        error = _trial(solid, plan, settings, seed, device, threads)
+        error = _trial(solid, plan, settings, seed, device, team)
         report(k + 1, error)
         if error < least * MORE_AXES:
             best, least = plan, error
@@ -105,75 +106,61 @@ def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
 
 
 def fit_plan(
-    solid: Solid, plan: Plan, settings: Settings, seed: int, device: torch.device, threads: int, stage: Stage
-) -> tuple[list[Network], Composite, float]:
+    solid: Solid, plan: Plan, settings: Settings, seed: int, device: torch.device, team: Team, stage: Stage
+) -> tuple[Networks, Composite, float]:
     """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes."""
-    targets = [height_targets(solid, f, settings.target_resolution) for f in plan.frames]
+    targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
     report = stage("fit", settings.steps * len(targets))
     settings = replace(settings, width=plan.width)
-    fitted = fit_all(targets, settings, seed, device, threads, lambda done, total, loss: report(done, loss))
-    networks = [[torch.from_numpy(t).to(device).requires_grad_() for t in n] for n in fitted]
-    samples = draw_samples(solid, plan.frames, settings.samples, seed)
-    composite = Composite(samples, plan.frames, settings.omega, device)
-    tune(
-        networks,
-        composite,
-        settings,
-        settings.tune_steps,
-        settings.tune_rate,
-        seed,
-        stage("tune", settings.tune_steps),
-    )
+    fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: report(done, loss))
+    networks = stacked(fitted)
+    networks = replace(networks, theta=networks.theta.to(device))
+    composite = Composite(draw_samples(solid, plan.frames, settings.samples, seed), plan.frames, device, team)
+    report = stage("tune", settings.tune_steps)
+    tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, seed, report)
     return networks, composite, max(t.unknown for t in targets)
 
 
 def round_to_size(
-    networks: list[Network],
+    networks: Networks,
     composite: Composite,
     plan: Plan,
     settings: Settings,
     metadata_bytes: int,
     seed: int,
-    threads: int,
+    team: Team,
     stage: Stage,
 ) -> list[DhfRecord]:
     """Round the networks, so that the file has the size asked for. Raises EncodeError when it cannot be met."""
-    start = [[t.detach().clone() for t in n] for n in networks]
     fixed = FILE_BYTES + metadata_bytes + 40 * len(networks)
     room = None if settings.target_size is None else settings.target_size - fixed
     aim = 0.0 if room is None else room * AIM
     best: list[DhfRecord] | None = None
     fewest: float = math.inf
-    with ThreadPoolExecutor(threads) as pool:
-        logs = relative_steps(networks, matrices(networks, composite, seed, pool))
-        for attempt in range(ATTEMPTS):
-            bits = settings.bits if room is None else _bits_for(networks, logs, aim)
-            codes = step_codes(networks, logs, bits)
-            report = stage("round", max(settings.rounds - 1, 1) * settings.round_steps)
-            round_networks(networks, composite, settings, codes, seed + attempt, pool, report)
-            symbols = [_symbols(n, c) for n, c in zip(networks, codes, strict=True)]
-            size = len(rans.encode([s for part in symbols for s in part]))
-            strays = composite.strays(networks)
-            # A floater that rounding has made goes away with other samples, as a rule.
-            if (room is None or size <= room) and strays < fewest:
-                fewest = strays
-                best = [
-                    _record(f, settings, plan.width, c, s) for f, c, s in zip(plan.frames, codes, symbols, strict=True)
-                ]
-                enough = room is None or size + fixed >= WITHIN * (room + fixed)
-                if enough and (strays == 0 or attempt > 0):
-                    break
-            if room is not None and not WITHIN * room <= size <= room:
-                aim *= AIM * room / size
-            for network, tensors in zip(networks, start, strict=True):
-                for t, s in zip(network, tensors, strict=True):
-                    t.data.copy_(s)
+    logs = relative_steps(networks, matrices(networks, composite, seed, team))
+    for attempt in range(ATTEMPTS):
+        bits = settings.bits if room is None else _bits_for(networks, logs, aim)
+        codes = step_codes(networks, logs, bits)
+        report = stage("round", max(settings.rounds - 1, 1) * settings.round_steps)
+        rounded = networks.copy()
+        round_networks(rounded, composite, settings, codes, seed + attempt, team, report)
+        records = _records(rounded, codes, plan.frames)
+        size = _coded_size(records)
+        strays = composite.strays(rounded)
+        # A floater that rounding has made goes away with other samples, as a rule.
+        if (room is None or size <= room) and strays < fewest:
+            fewest, best = strays, records
+            enough = room is None or size + fixed >= WITHIN * (room + fixed)
+            if enough and (strays == 0 or attempt > 0):
+                break
+        if room is not None and not WITHIN * room <= size <= room:
+            aim *= AIM * room / size
     if best is None:
         raise EncodeError(f"no file of {settings.target_size} bytes or less was reached; ask for a larger size")
     return best
 
 
-def _trial(solid: Solid, plan: Plan, settings: Settings, seed: int, device: torch.device, threads: int) -> float:
+def _trial(solid: Solid, plan: Plan, settings: Settings, seed: int, device: torch.device, team: Team) -> float:
     """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing."""
     short = replace(
         settings,
@@ -182,11 +169,8 @@ def _trial(solid: Solid, plan: Plan, settings: Settings, seed: int, device: torc
         samples=TRIAL_SAMPLES,
         target_resolution=256,
     )
-    networks, _, _ = fit_plan(solid, plan, short, seed, device, threads, lambda name, total: lambda done, loss: None)
-    fine = [[_finest(t) for t in n] for n in networks]
-    records = [
-        _record(f, settings, plan.width, c, _symbols(n, c)) for f, c, n in zip(plan.frames, fine, networks, strict=True)
-    ]
+    networks, _, _ = fit_plan(solid, plan, short, seed, device, team, lambda name, total: lambda done, loss: None)
+    records = _records(networks, _finest(networks), plan.frames)
     try:
         surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).to_mesh(TRIAL_RESOLUTION)
     except CndhfError:
@@ -194,38 +178,45 @@ def _trial(solid: Solid, plan: Plan, settings: Settings, seed: int, device: torc
     return surface_distances(solid.vertices, solid.faces, surface.vertices, surface.faces, seed, TRIAL_POINTS).chamfer
 
 
-def _bits_for(networks: list[Network], logs: npt.NDArray[np.float64], size: float) -> float:
+def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) -> float:
     """Bits a weight at which the plainly rounded networks take `size` bytes."""
     low, high = BITS_RANGE
     for _ in range(12):
         bits = (low + high) / 2
-        codes = step_codes(networks, logs, bits)
-        symbols = [s for n, c in zip(networks, codes, strict=True) for s in _symbols(n, c)]
+        symbols = [s for part in _symbols(networks, step_codes(networks, logs, bits)) for s in part]
         low, high = (low, bits) if rans.encoded_size(symbols) > size else (bits, high)
     return low
 
 
-def _symbols(network: Network, codes: list[int]) -> list[Symbols]:
+def _symbols(networks: Networks, codes: Codes) -> list[list[Symbols]]:
+    """Every tensor of every network in whole steps."""
+    theta = networks.theta.detach().cpu().numpy().astype(np.float64)
+    whole = np.rint(theta * np.repeat(2.0 ** (codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)).astype(np.int32)
+    ends = np.cumsum(networks.sizes)[:-1]
+    return [[p.reshape(s) for p, s in zip(np.split(row, ends), networks.shapes, strict=True)] for row in whole]
+
+
+def _finest(networks: Networks) -> Codes:
+    """The finest step codes at which the tensors' symbols fit in 15 bits."""
+    largest = [[max(float(t.detach().abs().max()), 1e-9) for t in networks.tensors(k)] for k in range(len(networks))]
+    return np.clip(np.floor(STEPS_PER_OCTAVE * np.log2(30_000 / np.array(largest))), 0, 127).astype(np.int64)
+
+
+def _records(networks: Networks, codes: Codes, frames: list[Frame]) -> list[DhfRecord]:
     return [
-        np.rint(t.detach().cpu().numpy().astype(np.float64) * 2 ** (c / STEPS_PER_OCTAVE)).astype(np.int32)
-        for t, c in zip(network, codes, strict=True)
+        DhfRecord(
+            quaternion=frame.quaternion,
+            box=frame.box,
+            width=networks.width,
+            hidden_layers=networks.hidden_layers,
+            omega_first=round(networks.omega),
+            omega_hidden=round(networks.omega),
+            step_codes=tuple(int(c) for c in of_network),
+            symbols=tuple(symbols),
+        )
+        for frame, of_network, symbols in zip(frames, codes, _symbols(networks, codes), strict=True)
     ]
 
 
-def _finest(tensor: torch.Tensor) -> int:
-    """The finest step code at which a tensor's symbols fit in 15 bits."""
-    largest = max(float(tensor.detach().abs().max()), 1e-9)
-    return int(min(max(math.floor(STEPS_PER_OCTAVE * math.log2(30_000 / largest)), 0), 127))
-
-
-def _record(frame: Frame, settings: Settings, width: int, codes: list[int], symbols: list[Symbols]) -> DhfRecord:
-    return DhfRecord(
-        quaternion=frame.quaternion,
-        box=frame.box,
-        width=width,
-        hidden_layers=settings.hidden_layers,
-        omega_first=settings.omega,
-        omega_hidden=settings.omega,
-        step_codes=tuple(codes),
-        symbols=tuple(symbols),
-    )
+def _coded_size(records: list[DhfRecord]) -> int:
+    return len(rans.encode([s for r in records for s in r.symbols]))

@@ -8,12 +8,13 @@ import torch
 
 from ..format import DhfRecord
 from .axes import choose_axes
-from .fit import fit_all
+from .fit import fit_all, one_torch_thread
 from .heights import frame_for_axis, height_targets
 from .progress import Stage
 from .quantise import quantise
 from .settings import Settings
 from .solid import Solid
+from .team import Team
 
 
 def encode_paper(
@@ -27,10 +28,12 @@ def encode_paper(
     frames = [frame_for_axis(axis, solid.vertices) for axis in choice.axes]
     targets = [height_targets(solid, f, settings.target_resolution) for f in frames]
     on_fit = stage("fit", settings.steps * len(targets))
-    fitted = fit_all(targets, settings, seed, device, threads, lambda done, total, loss: on_fit(done, loss))
+    with one_torch_thread(), Team(threads) as team:
+        fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: on_fit(done, loss))
     on_rounded = stage("round", len(targets))
     records = []
-    for k, (tensors, target) in enumerate(zip(fitted, targets, strict=True)):
+    for k, (network, target) in enumerate(zip(fitted, targets, strict=True)):
+        tensors = [t.numpy() for t in network.tensors(0)]
         records.append(quantise(tensors, target, settings, seed))
         on_rounded(k + 1, math.nan)
     return records, float(choice.covered[-1]), choice.visible, max(t.unknown for t in targets)

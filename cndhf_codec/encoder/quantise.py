@@ -11,9 +11,11 @@ from ..decoder.network import Network
 from ..errors import EncodeError
 from ..format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from ..format.container import DhfRecord, Symbols, step_size
-from .fit import INSIDE, Tensors
+from .fit import INSIDE
 from .heights import HeightTargets
 from .settings import Settings
+
+Tensors = list[npt.NDArray[np.float32]]
 
 SAMPLES = 2**15
 PROBE = 2.0**-10  # trial steps that measure a tensor's sensitivity, relative to its RMS value

@@ -104,9 +104,9 @@ PRESETS: dict[str, Settings] = {
         target_size=4096,
         steps=150,
         trial_steps=0,
-        tune_steps=500,
+        tune_steps=3000,
         samples=200_000,
-        round_steps=60,
+        round_steps=400,
     ),
     "default": _DEFAULT,
     "best": replace(

@@ -1,111 +1,97 @@
-"""The network in torch: initialisation and evaluation, tensors in the order of the file format."""
+"""The networks in torch: weights, initialisation and evaluation."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from ..format.container import tensor_shapes
+from . import kernel
 
-TILE = 1024  # rows evaluated at once on the CPU: their activations stay in the cache
+
+@dataclass(frozen=True, eq=False)
+class Networks:
+    """K SIRENs of equal shape, 2 inputs and 2 outputs. theta: (K, P) float32, the weights of each in file order."""
+
+    theta: torch.Tensor
+    width: int
+    hidden_layers: int  # sine layers after the first
+    omega: float
+
+    def __len__(self) -> int:
+        return len(self.theta)
+
+    @property
+    def shapes(self) -> list[tuple[int, ...]]:
+        return tensor_shapes(self.width, self.hidden_layers)
+
+    @property
+    def sizes(self) -> list[int]:
+        """Weights in each tensor."""
+        return [math.prod(s) for s in self.shapes]
+
+    def tensors(self, k: int) -> list[torch.Tensor]:
+        """Views of the tensors of network k, shaped as `format.container.tensor_shapes` says."""
+        parts = torch.split(self.theta[k], self.sizes)
+        return [p.view(s) for p, s in zip(parts, self.shapes, strict=True)]
+
+    def copy(self) -> Networks:
+        return replace(self, theta=self.theta.detach().clone())
+
+    @property
+    def for_kernel(self) -> tuple[int, int, np.float32]:
+        """Width, sine layers and omega, as the functions of `kernel` take them."""
+        return self.width, self.hidden_layers + 1, np.float32(self.omega)
 
 
-def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Generator) -> list[torch.Tensor]:
-    """Random tensors as in Sitzmann et al., "Implicit Neural Representations with Periodic Activation
+def stacked(networks: Sequence[Networks]) -> Networks:
+    """All networks in one; they have equal shapes."""
+    return replace(networks[0], theta=torch.cat([n.theta for n in networks]))
+
+
+def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Generator) -> Networks:
+    """One random network as in Sitzmann et al., "Implicit Neural Representations with Periodic Activation
     Functions" (2020): first layer U(+-1 / inputs), others U(+-sqrt(6 / inputs) / omega)."""
-    tensors, inputs = [], 0
+    parts, inputs = [], 0
     for k, shape in enumerate(tensor_shapes(width, hidden_layers)):
         inputs = shape[1] if len(shape) == 2 else inputs  # a bias follows its matrix
         weight_limit = 1 / inputs if k == 0 else math.sqrt(6 / inputs) / omega
         limit = 1 / math.sqrt(inputs) if len(shape) == 1 else weight_limit
-        tensors.append((torch.rand(shape, generator=generator) * 2 - 1) * limit)
-    return tensors
+        parts.append((torch.rand(math.prod(shape), generator=generator) * 2 - 1) * limit)
+    return Networks(torch.cat(parts)[None], width, hidden_layers, omega)
 
 
-def heights(tensors: list[torch.Tensor], uv: torch.Tensor, omega: float) -> torch.Tensor:
-    """(N, 2) -> (N, 2): near and far height, differentiable in the tensors.
-
-    On the CPU a backward pass written for this network is used, tile by tile: about twice as fast as torch's.
-    """
+def heights(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
+    """(N, 2) -> (N, 2): near and far height of network k, differentiable in theta. Compiled on the CPU."""
     if uv.device.type == "cpu":
-        return _TiledSiren.apply(uv, omega, *tensors)
-    return forward(tensors, uv, omega)
+        return _Heights.apply(uv.contiguous(), networks.theta[k], *networks.for_kernel)
+    return forward(networks, k, uv)
 
 
-def forward(tensors: list[torch.Tensor], uv: torch.Tensor, omega: float) -> torch.Tensor:
-    """(..., 2) -> (..., 2): near and far height, by torch's own differentiation."""
-    x = uv
-    for k in range(0, len(tensors) - 2, 2):
-        x = torch.sin(omega * torch.nn.functional.linear(x, tensors[k], tensors[k + 1]))
+def forward(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
+    """(..., 2) -> (..., 2): near and far height of network k, by torch's own differentiation."""
+    tensors, x = networks.tensors(k), uv
+    for at in range(0, len(tensors) - 2, 2):
+        x = torch.sin(networks.omega * torch.nn.functional.linear(x, tensors[at], tensors[at + 1]))
     return torch.nn.functional.linear(x, tensors[-2], tensors[-1])
 
 
-class Trace:
-    """One forward pass in numpy that keeps what a backward pass needs."""
-
-    def __init__(self, tensors: list[npt.NDArray[np.float32]], uv: npt.NDArray[np.float32], omega: float) -> None:
-        self.tensors, self.omega = tensors, omega
-        self.matrices = [np.float32(omega) * W for W in tensors[0:-2:2]]
-        self.inputs = [uv]  # of every layer
-        self.slopes = []  # cosines of every sine layer
-        x = uv
-        for W, b in zip(self.matrices, tensors[1:-2:2], strict=True):
-            z = x @ W.T
-            z += np.float32(omega) * b
-            self.slopes.append(np.cos(z))
-            x = np.sin(z, out=z)
-            self.inputs.append(x)
-        self.heights = x @ tensors[-2].T + tensors[-1]
-
-    def gradients(self, g: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
-        """Gradient of sum(g * heights) in every tensor. Rows of g that are zero are left out of the work."""
-        rows: Any = np.flatnonzero(g.any(axis=1))
-        rows = slice(None) if len(rows) > 0.8 * len(g) else rows
-        g = g[rows]
-        out: list[npt.NDArray[np.float32]] = [g.sum(axis=0), g.T @ self.inputs[-1][rows]]
-        g = g @ self.tensors[-2]
-        for k in range(len(self.slopes) - 1, -1, -1):
-            g = g * self.slopes[k][rows]
-            out += [g.sum(axis=0) * self.omega, g.T @ self.inputs[k][rows] * self.omega]
-            if k:
-                g = g @ self.matrices[k]
-        return out[::-1]
-
-    def jacobian(self, side: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-        """(N, parameters): gradient of height `side` (0 near, 1 far) of each row in all weights, file order."""
-        n = len(side)
-        g = np.zeros((n, 2), dtype=np.float32)
-        g[np.arange(n), side] = 1
-        blocks = [g, (g[:, :, None] * self.inputs[-1][:, None, :]).reshape(n, -1)]
-        g = g @ self.tensors[-2]
-        for k in range(len(self.slopes) - 1, -1, -1):
-            g = g * self.slopes[k] * np.float32(self.omega)
-            blocks += [g, (g[:, :, None] * self.inputs[k][:, None, :]).reshape(n, -1)]
-            g = g @ self.tensors[2 * k]
-        return np.concatenate(blocks[::-1], axis=1)
-
-
-class _TiledSiren(torch.autograd.Function):
+class _Heights(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, uv: torch.Tensor, omega: float, *tensors: torch.Tensor) -> Any:
-        arrays = [t.detach().numpy() for t in tensors]
-        points = uv.numpy()
-        tiles = [points[at : at + TILE] for at in range(0, len(points), TILE)]
-        # A fit that diverges overflows here; its loss is looked at, and tells.
-        with np.errstate(over="ignore", invalid="ignore"):
-            ctx.traces = [Trace(arrays, tile, omega) for tile in tiles]
-        return torch.from_numpy(np.concatenate([t.heights for t in ctx.traces]))
+    def forward(ctx: Any, uv: torch.Tensor, theta: torch.Tensor, width: int, layers: int, omega: np.float32) -> Any:
+        ctx.save_for_backward(uv, theta)
+        ctx.shape = (width, layers, omega)
+        return torch.from_numpy(kernel.heights(theta.detach().numpy(), width, layers, omega, uv.numpy()))
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        g = gradient.numpy()
-        total: list[npt.NDArray[np.float32]] = []
-        with np.errstate(over="ignore", invalid="ignore"):
-            for k, trace in enumerate(ctx.traces):
-                gradients = trace.gradients(g[k * TILE : (k + 1) * TILE])
-                total = gradients if k == 0 else [a + b for a, b in zip(total, gradients, strict=True)]
-        return (None, None, *(torch.from_numpy(a) for a in total))
+        uv, theta = ctx.saved_tensors
+        g = np.ascontiguousarray(gradient.numpy())
+        width, layers, omega = ctx.shape
+        out = kernel.heights_gradient(theta.detach().numpy(), width, layers, omega, uv.numpy(), g)
+        return None, torch.from_numpy(out), None, None, None

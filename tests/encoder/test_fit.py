@@ -11,11 +11,12 @@ import torch
 import trimesh
 
 from cndhf_codec.decoder.network import Network
-from cndhf_codec.encoder.fit import choose_device, fit_all
+from cndhf_codec.encoder.fit import choose_device, fit_all, one_torch_thread
 from cndhf_codec.encoder.heights import frame_for_axis, height_targets
 from cndhf_codec.encoder.settings import PRESETS
 from cndhf_codec.encoder.siren import forward, initialise
 from cndhf_codec.encoder.solid import Solid
+from cndhf_codec.encoder.team import Team
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.container import tensor_shapes
 
@@ -32,7 +33,9 @@ def targets():
 
 
 def fit(targets, settings=SMALL, seed=0, threads=1, on_steps=lambda *_: None):
-    return fit_all(targets, settings, seed, CPU, threads, on_steps)
+    with Team(threads) as team:
+        networks = fit_all(targets, settings, seed, CPU, team, on_steps)
+    return [[t.numpy() for t in n.tensors(0)] for n in networks]
 
 
 def outcome(tensors, t, settings=SMALL) -> tuple[float, float]:
@@ -103,9 +106,10 @@ def test_an_interrupt_stops_the_other_fits(targets):
     assert threading.active_count() == before
 
 
-def test_torch_threads_are_given_back(targets):
+def test_torch_threads_are_given_back():
     before = torch.get_num_threads()
-    fit(targets[:1], replace(SMALL, steps=1))
+    with one_torch_thread():
+        assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == before
 
 
@@ -130,15 +134,15 @@ def test_cuda_where_there_is_none(monkeypatch):
 
 
 def test_torch_and_numpy_agree_on_the_network():
-    tensors = initialise(9, 3, 30, torch.Generator().manual_seed(0))
+    network = initialise(9, 3, 30, torch.Generator().manual_seed(0))
     uv = torch.rand((50, 2), generator=torch.Generator().manual_seed(1)) * 2 - 1
-    in_torch = forward(tensors, uv, 30).numpy()
-    in_numpy = Network([t.numpy() for t in tensors], 30, 30)(uv.numpy())
+    in_torch = forward(network, 0, uv).numpy()
+    in_numpy = Network([t.numpy() for t in network.tensors(0)], 30, 30)(uv.numpy())
     np.testing.assert_allclose(in_numpy, in_torch, atol=1e-4)
 
 
 def test_initial_weights_have_the_ranges_of_the_paper():
-    tensors = initialise(64, 2, 30, torch.Generator().manual_seed(0))
+    tensors = initialise(64, 2, 30, torch.Generator().manual_seed(0)).tensors(0)
     assert [tuple(t.shape) for t in tensors] == tensor_shapes(64, 2)
     limits = [0.5, 0.5**0.5] + [(6 / 64) ** 0.5 / 30, 1 / 8] * 3  # U(+-1/2), then U(+-sqrt(6/64)/30)
     for t, limit in zip(tensors, limits, strict=True):

@@ -16,6 +16,7 @@ from cndhf_codec.encoder.heights import frame_for_axis, height_targets
 from cndhf_codec.encoder.quantise import quantise
 from cndhf_codec.encoder.settings import PRESETS
 from cndhf_codec.encoder.solid import Solid
+from cndhf_codec.encoder.team import Team
 from cndhf_codec.format import Container, dumps, loads
 
 SETTINGS = replace(PRESETS["fast"], width=8, hidden_layers=2, steps=300, batch=512)
@@ -30,7 +31,8 @@ def targets():
 
 @pytest.fixture(scope="module")
 def fitted(targets):
-    return fit_all([targets], SETTINGS, 0, torch.device("cpu"), 1, lambda *_: None)[0]
+    (network,) = fit_all([targets], SETTINGS, 0, torch.device("cpu"), Team(1), lambda *_: None)
+    return [t.numpy() for t in network.tensors(0)]
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,376 @@
+"""The networks and the composite loss, compiled: forward and backward passes that stay in the cache.
+
+Networks are rows of `theta`, (K, P) float32: K networks of equal shape, the weights of each in file order. Everything
+here is called with the interpreter's lock released, so that threads run side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+TILE = 256  # points evaluated at once: what a network computes for them stays in the cache
+FAR = np.float32(1e3)  # stands for "no such double height field"
+
+F32 = npt.NDArray[np.float32]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(function: Function) -> Function:
+    """Compile for this processor. Sums may be taken in another order, so that loops run on vectors."""
+    return _compiled(function, {"contract", "reassoc", "nsz"})
+
+
+def _compiled(function: Function, freedoms: set[str]) -> Function:
+    try:
+        return numba.njit(cache=True, nogil=True, fastmath=freedoms)(function)
+    except RuntimeError:  # there is no folder that a cache could be written to
+        return numba.njit(nogil=True, fastmath=freedoms)(function)
+
+
+def _in_written_order(function: Function) -> Function:
+    """As `compiled`, for what depends on the order of its sums."""
+    return _compiled(function, {"contract"})
+
+
+@_in_written_order
+def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
+    """Of z[:, :n]; to 1e-7 for |z| < 1000. Range reduction and polynomials of Moshier's Cephes library (sinf, cosf)."""
+    for j in range(z.shape[0]):
+        for t in range(n):
+            a = z[j, t]
+            k = np.rint(a * np.float32(0.6366197723675814))
+            r = a - k * np.float32(1.5703125)
+            r -= k * np.float32(4.837512969970703e-4)
+            r -= k * np.float32(7.549789948768648e-8)
+            q = r * r
+            s = np.float32(8.3321608736e-3) - q * np.float32(1.9515295891e-4)
+            s = r + r * q * (q * s - np.float32(1.6666654611e-1))
+            c = q * np.float32(2.443315711809948e-5) - np.float32(1.388731625493765e-3)
+            c = np.float32(1) - np.float32(0.5) * q + q * q * (np.float32(4.166664568298827e-2) + q * c)
+            quarter = np.int32(k)
+            x, y = (c, s) if quarter & 1 else (s, c)
+            sine[j, t] = -x if quarter & 2 else x
+            cosine[j, t] = -y if (quarter + 1) & 2 else y
+
+
+@compiled
+def add_product(W: F32, x: F32, z: F32, n: int) -> None:
+    """z[:, :n] += W x[:, :n], in blocks of 2 rows and 4 terms; the inner loops run over points."""
+    rows, terms = W.shape
+    for j in range(0, rows, 2):
+        two = j + 1 < rows
+        i = 0
+        while i < terms:
+            if two and i + 3 < terms:
+                a0, a1, a2, a3 = W[j, i], W[j, i + 1], W[j, i + 2], W[j, i + 3]
+                b0, b1, b2, b3 = W[j + 1, i], W[j + 1, i + 1], W[j + 1, i + 2], W[j + 1, i + 3]
+                for t in range(n):
+                    x0, x1, x2, x3 = x[i, t], x[i + 1, t], x[i + 2, t], x[i + 3, t]
+                    z[j, t] += a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
+                    z[j + 1, t] += b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3
+                i += 4
+            else:
+                for row in range(j, min(j + 2, rows)):
+                    a = W[row, i]
+                    for t in range(n):
+                        z[row, t] += a * x[i, t]
+                i += 1
+
+
+@compiled
+def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
+    """G += d[:, :n] x[:, :n]^T, in blocks of 2 x 4."""
+    zero = np.float32(0)
+    rows, columns = G.shape
+    for j in range(0, rows, 2):
+        two = j + 1 < rows
+        i = 0
+        while i < columns:
+            if two and i + 3 < columns:
+                a0, a1, a2, a3, b0, b1, b2, b3 = zero, zero, zero, zero, zero, zero, zero, zero
+                for t in range(n):
+                    u, v = d[j, t], d[j + 1, t]
+                    x0, x1, x2, x3 = x[i, t], x[i + 1, t], x[i + 2, t], x[i + 3, t]
+                    a0 += u * x0
+                    a1 += u * x1
+                    a2 += u * x2
+                    a3 += u * x3
+                    b0 += v * x0
+                    b1 += v * x1
+                    b2 += v * x2
+                    b3 += v * x3
+                G[j, i] += a0
+                G[j, i + 1] += a1
+                G[j, i + 2] += a2
+                G[j, i + 3] += a3
+                G[j + 1, i] += b0
+                G[j + 1, i + 1] += b1
+                G[j + 1, i + 2] += b2
+                G[j + 1, i + 3] += b3
+                i += 4
+            else:
+                for row in range(j, min(j + 2, rows)):
+                    a = zero
+                    for t in range(n):
+                        a += d[row, t] * x[i, t]
+                    G[row, i] += a
+                i += 1
+
+
+@compiled
+def forward(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, xs: F32, slopes: F32) -> F32:
+    """(2, TILE) heights of the first n columns of x, (2, TILE). Fills xs and slopes, (layers, width, TILE): what every
+    sine layer puts out, and its cosines."""
+    z = np.empty((width, TILE), np.float32)
+    at = 0
+    for k in range(layers):
+        inputs = 2 if k == 0 else width
+        W = theta[at : at + width * inputs].reshape(width, inputs)
+        at += width * inputs
+        for j in range(width):
+            for t in range(n):
+                z[j, t] = theta[at + j]
+        at += width
+        add_product(W, x if k == 0 else xs[k - 1], z, n)
+        for j in range(width):
+            for t in range(n):
+                z[j, t] *= omega
+        sine_and_cosine(z, xs[k], slopes[k], n)
+    y = np.empty((2, TILE), np.float32)
+    for j in range(2):
+        for t in range(n):
+            y[j, t] = theta[at + 2 * width + j]
+    add_product(theta[at : at + 2 * width].reshape(2, width), xs[layers - 1], y, n)
+    return y
+
+
+@compiled
+def backward(
+    theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, xs: F32, slopes: F32, g: F32, grad: F32
+) -> None:
+    """Add the gradient of sum(g * heights), over the first n columns, to grad, (P,)."""
+    at = len(theta) - 2
+    for j in range(2):
+        total = np.float32(0)
+        for t in range(n):
+            total += g[j, t]
+        grad[at + j] += total
+    at -= 2 * width
+    add_outer(g, xs[layers - 1], grad[at : at + 2 * width].reshape(2, width), n)
+    back = np.ascontiguousarray(theta[at : at + 2 * width].reshape(2, width).T)
+    d, e = np.zeros((width, TILE), np.float32), np.empty((width, TILE), np.float32)
+    add_product(back, g, d, n)
+    for k in range(layers - 1, -1, -1):
+        inputs = 2 if k == 0 else width
+        at -= width
+        for j in range(width):
+            total = np.float32(0)
+            for t in range(n):
+                d[j, t] *= slopes[k, j, t] * omega
+                total += d[j, t]
+            grad[at + j] += total
+        at -= width * inputs
+        add_outer(d, x if k == 0 else xs[k - 1], grad[at : at + width * inputs].reshape(width, inputs), n)
+        if k:
+            back = np.ascontiguousarray(theta[at : at + width * inputs].reshape(width, inputs).T)
+            for j in range(width):
+                for t in range(n):
+                    e[j, t] = 0
+            add_product(back, d, e, n)
+            d, e = e, d
+
+
+@compiled
+def heights(theta: F32, width: int, layers: int, omega: np.float32, uv: F32) -> F32:
+    """(N, 2) near and far height of one network, theta (P,), at uv, (N, 2)."""
+    xs, slopes = np.empty((layers, width, TILE), np.float32), np.empty((layers, width, TILE), np.float32)
+    x = np.empty((2, TILE), np.float32)
+    out = np.empty_like(uv)
+    for at in range(0, len(uv), TILE):
+        n = min(TILE, len(uv) - at)
+        for t in range(n):
+            x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
+        y = forward(theta, width, layers, omega, x, n, xs, slopes)
+        for t in range(n):
+            out[at + t, 0], out[at + t, 1] = y[0, t], y[1, t]
+    return out
+
+
+@compiled
+def heights_gradient(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, g: F32) -> F32:
+    """(P,) gradient of sum(g * heights) in theta, (P,); uv and g are (N, 2)."""
+    xs, slopes = np.empty((layers, width, TILE), np.float32), np.empty((layers, width, TILE), np.float32)
+    x, d = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
+    grad = np.zeros(len(theta), np.float32)
+    for at in range(0, len(uv), TILE):
+        n = min(TILE, len(uv) - at)
+        for t in range(n):
+            x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
+            d[0, t], d[1, t] = g[at + t, 0], g[at + t, 1]
+        forward(theta, width, layers, omega, x, n, xs, slopes)
+        backward(theta, width, layers, omega, x, n, xs, slopes, d, grad)
+    return grad
+
+
+@compiled
+def jacobian(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, side: npt.NDArray[np.int64]) -> F32:
+    """(N, P): gradient of height `side` (0 near, 1 far) at every row of uv, (N, 2), in theta, (P,)."""
+    xs, slopes = np.empty((layers, width, TILE), np.float32), np.empty((layers, width, TILE), np.float32)
+    x = np.empty((2, TILE), np.float32)
+    d, e = np.empty((width, TILE), np.float32), np.empty((width, TILE), np.float32)
+    out = np.zeros((len(uv), len(theta)), np.float32)
+    for start in range(0, len(uv), TILE):
+        n = min(TILE, len(uv) - start)
+        rows = out[start : start + n]
+        for t in range(n):
+            x[0, t], x[1, t] = uv[start + t, 0], uv[start + t, 1]
+        forward(theta, width, layers, omega, x, n, xs, slopes)
+        at = len(theta) - 2 - 2 * width
+        for t in range(n):
+            s = side[start + t]
+            rows[t, len(theta) - 2 + s] = 1
+            for j in range(width):
+                rows[t, at + s * width + j] = xs[layers - 1, j, t]
+                d[j, t] = theta[at + s * width + j]
+        for k in range(layers - 1, -1, -1):
+            inputs = 2 if k == 0 else width
+            before = x if k == 0 else xs[k - 1]
+            bias, at = at - width, at - width - width * inputs
+            for j in range(width):
+                for t in range(n):
+                    d[j, t] *= slopes[k, j, t] * omega
+            for t in range(n):
+                for j in range(width):
+                    rows[t, bias + j] = d[j, t]
+                    for i in range(inputs):
+                        rows[t, at + j * inputs + i] = d[j, t] * before[i, t]
+            if k:
+                back = np.ascontiguousarray(theta[at : at + width * inputs].reshape(width, inputs).T)
+                for j in range(width):
+                    for t in range(n):
+                        e[j, t] = 0
+                add_product(back, d, e, n)
+                d, e = e, d
+    return out
+
+
+@compiled
+def evaluate(
+    theta: F32,
+    width: int,
+    layers: int,
+    omega: np.float32,
+    points: F32,
+    rows: npt.NDArray[np.int64],
+    boxes: F32,
+    x: F32,
+    xs: F32,
+    slopes: F32,
+    slack: F32,
+    far: npt.NDArray[np.bool_],
+) -> None:
+    """min(far - z, z - near) of every network at points[:, rows], (K, N, 3) in the networks' frames, and whether it is
+    the far one. Fills x (K, 2, TILE), xs and slopes (K, layers, width, TILE), slack and far (K, TILE)."""
+    n = len(rows)
+    for k in range(len(theta)):
+        for t in range(n):
+            for a in range(2):
+                x[k, a, t] = min(max(points[k, rows[t], a], boxes[k, a, 0]), boxes[k, a, 1])
+        y = forward(theta[k], width, layers, omega, x[k], n, xs[k], slopes[k])
+        for t in range(n):
+            z = points[k, rows[t], 2]
+            above, below = y[1, t] - z, z - y[0, t]
+            far[k, t] = above < below
+            slack[k, t] = min(above, below)
+
+
+@compiled
+def composite_gradient(
+    theta: F32,
+    width: int,
+    layers: int,
+    omega: np.float32,
+    boxes: F32,
+    surface: tuple[F32, npt.NDArray[np.bool_], F32],
+    space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
+    on: npt.NDArray[np.int64],
+    off: npt.NDArray[np.int64],
+    on_scale: np.float32,
+    off_scale: np.float32,
+) -> tuple[F32, float]:
+    """(K, P) gradient of the composite loss of some samples in theta, and that loss.
+
+    boxes: (K, 3, 2) domain boxes. surface: points (K, N, 3), seen (N, K), cosine (N, K). space: points (K, M, 3),
+    excluded (M, K), inside (M,), margin (M,), weight (M,). on, off: samples of the surface and of space that are
+    looked at; on_scale, off_scale: what each of them counts.
+    """
+    K = len(theta)
+    shape = (K, layers, width, TILE)
+    xs, slopes = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    x, slack, far = np.empty((K, 2, TILE), np.float32), np.empty((K, TILE), np.float32), np.empty((K, TILE), np.bool_)
+    active, slope = np.empty(TILE, np.int64), np.empty(TILE, np.float32)
+    chosen = np.empty(TILE, np.int64)
+    part_x, part_g = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
+    part_xs, part_slopes = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
+    points_on, seen, cosine = surface
+    points_off, excluded, inside, margin, weight = space
+    grad = np.zeros(theta.shape, np.float32)
+    loss = 0.0
+    for half in range(2):
+        samples = on if half == 0 else off
+        for at in range(0, len(samples), TILE):
+            rows = samples[at : at + TILE]
+            n = len(rows)
+            points = points_on if half == 0 else points_off
+            evaluate(theta, width, layers, omega, points, rows, boxes, x, xs, slopes, slack, far)
+            for t in range(n):
+                i = rows[t]
+                least, who = FAR, 0
+                for k in range(K):
+                    if slack[k, t] < least:
+                        least, who = slack[k, t], k
+                slope[t] = 0
+                if half == 0:
+                    if least >= 0:
+                        least = FAR
+                        for k in range(K):
+                            if seen[i, k] and slack[k, t] < least:
+                                least, who = slack[k, t], k
+                    slope[t] = cosine[i, who] * on_scale * np.sign(least)
+                    loss += slope[t] * least
+                elif inside[i]:
+                    if margin[i] > least:
+                        slope[t] = -weight[i] * off_scale
+                        loss += slope[t] * (least - margin[i])
+                else:
+                    least = FAR
+                    for k in range(K):
+                        if excluded[i, k] and slack[k, t] < least:
+                            least, who = slack[k, t], k
+                    if margin[i] > -least:
+                        slope[t] = weight[i] * off_scale
+                        loss += slope[t] * (least + margin[i])
+                active[t] = who
+            for k in range(K):
+                # The network's part of the tile, packed to the front.
+                m = 0
+                for t in range(n):
+                    if active[t] == k and slope[t] != 0:
+                        chosen[m] = t
+                        part_x[0, m], part_x[1, m] = x[k, 0, t], x[k, 1, t]
+                        part_g[0, m] = 0 if far[k, t] else -slope[t]
+                        part_g[1, m] = slope[t] if far[k, t] else 0
+                        m += 1
+                for layer in range(layers if m else 0):
+                    for j in range(width):
+                        for t in range(m):
+                            part_xs[layer, j, t] = xs[k, layer, j, chosen[t]]
+                            part_slopes[layer, j, t] = slopes[k, layer, j, chosen[t]]
+                if m:
+                    backward(theta[k], width, layers, omega, part_x, m, part_xs, part_slopes, part_g, grad[k])
+    return grad, loss

@@ -1,0 +1,41 @@
+"""Threads that share a job with the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class Team:
+    """`threads` threads, the caller's among them: waking only the others is worth a third of a short job's time."""
+
+    def __init__(self, threads: int) -> None:
+        self._threads = threads
+        self._others = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """The function's results, in the order of the items."""
+        todo = list(items)
+        if self._others is None:
+            return [function(i) for i in todo]
+
+        def part(k: int) -> list[Result]:
+            return [function(i) for i in todo[k :: self._threads]]
+
+        others = [self._others.submit(part, k) for k in range(1, min(self._threads, len(todo)))]
+        parts = [part(0), *(o.result() for o in others)]
+        return [parts[i % self._threads][i // self._threads] for i in range(len(todo))]
+
+    def __enter__(self) -> Team:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._others is not None:
+            self._others.shutdown(cancel_futures=True)
