@@ -16,7 +16,7 @@ import torch
 
 from . import kernel
 from .heights import Frame
-from .samples import Samples
+from .samples import FarSpace, Samples
 from .siren import Networks, heights
 from .team import Team
 
@@ -24,6 +24,8 @@ MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised 
 NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**15
+HUNT = 2**19  # points of far space that a search for floaters looks at
+SUSPECTS = 20_000  # of them that are kept as samples, the latest
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
 
@@ -48,43 +50,69 @@ class Terms:
 class Composite:
     """Samples in the frame of every DHF, ready to be drawn from."""
 
-    def __init__(self, samples: Samples, frames: list[Frame], device: torch.device, team: Team) -> None:
-        self.device, self._team = device, team
+    def __init__(self, samples: Samples, far: FarSpace, frames: list[Frame], device: torch.device, team: Team) -> None:
+        self.device, self._team, self._far = device, team, far
         self.n_surface, self.n_space = len(samples.surface), len(samples.space)
         self._boxes = self._put(np.stack([f.bounds for f in frames]))
-        rotations = self._put(np.stack([f.rotation for f in frames])).mT
-        self._surface = self._put(samples.surface) @ rotations  # (K, N, 3)
-        self._space = self._put(samples.space) @ rotations
+        self._rotations = self._put(np.stack([f.rotation for f in frames])).mT
+        self._surface = self._put(samples.surface) @ self._rotations  # (K, N, 3)
         self._seen = torch.from_numpy(samples.seen).to(device)
         self._cosine = self._put(samples.cosine)
-        self._excluded = torch.from_numpy(samples.excluded).to(device)
-        self._inside = ~self._excluded.any(dim=1)
+        self._hunter = np.random.default_rng(0)
+        self._suspects = 0
         self._violations = torch.empty(0, dtype=torch.int64)
-        self._distance = self._put(samples.distance)
-        self._margin = (self._distance / 2).clamp(max=MARGIN)
-        self._weight = 1 + self._distance / NEAR
+
+        # The samples of space, and after them room for suspects.
+        total = self.n_space + SUSPECTS
+        self._space = torch.empty((len(frames), total, 3), device=device)
+        self._excluded = torch.empty((total, len(frames)), dtype=torch.bool, device=device)
+        self._inside = torch.empty(total, dtype=torch.bool, device=device)
+        self._distance, self._margin, self._weight = (torch.empty(total, device=device) for _ in range(3))
+        self._set_space(torch.arange(self.n_space), samples.space, samples.excluded, samples.distance)
+
+    def _set_space(self, rows: torch.Tensor, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
+        self._space[:, rows] = self._put(points) @ self._rotations
+        self._excluded[rows] = torch.from_numpy(excluded).to(self.device)
+        self._inside[rows] = ~self._excluded[rows].any(dim=1)
+        self._distance[rows] = self._put(distance)
+        self._weight[rows] = 1 + self._distance[rows] / NEAR
         # Outside one of the boxes there is nothing that a network could get wrong.
         lo, hi = self._boxes[:, None, :, 0], self._boxes[:, None, :, 1]
-        beyond = ((self._space < lo) | (self._space > hi)).any(dim=2).any(dim=0)
-        self._margin[beyond & ~self._inside] = -FAR
+        beyond = ((self._space[:, rows] < lo) | (self._space[:, rows] > hi)).any(dim=2).any(dim=0)
+        margin = (self._distance[rows] / 2).clamp(max=MARGIN)
+        self._margin[rows] = margin.masked_fill(beyond & ~self._inside[rows], -FAR)
 
     def draw(self, n_surface: int, n_space: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Indices of a random batch; half of its space samples are among those that `look_for_violations` found."""
+        """Indices of a random batch. A half of its space samples are among what `look_for_violations` found, where it
+        found any: a quarter violations, a quarter suspects."""
         surface = torch.randint(self.n_surface, (n_surface,), generator=generator)
         space = torch.randint(self.n_space, (n_space,), generator=generator)
+        quarter = n_space // 4
         if len(self._violations):
-            half = n_space // 2
-            space[:half] = self._violations[torch.randint(len(self._violations), (half,), generator=generator)]
+            space[:quarter] = self._violations[torch.randint(len(self._violations), (quarter,), generator=generator)]
+        if self._suspects:
+            suspects = min(self._suspects, SUSPECTS)
+            space[-quarter:] = self.n_space + torch.randint(suspects, (quarter,), generator=generator)
         return surface.to(self.device), space.to(self.device)
 
     def strays(self, networks: Networks) -> int:
-        """How many space samples far outside the solid are inside the networks' one: floaters."""
-        self.look_for_violations(networks)
-        found = self._violations.to(self.device)
-        return int((self._distance[found] > STRAY).logical_and(~self._inside[found]).sum())
+        """How many points far outside the solid are inside the networks' one: floaters."""
+        found = self._violations_of(networks)
+        known = int((self._distance[found] > STRAY).logical_and(~self._inside[found]).sum())
+        return known + sum(len(self._hunt(networks, 0.0)) for _ in range(8))
 
     def look_for_violations(self, networks: Networks) -> None:
-        """Find the space samples on the wrong side of f: rare ones, floaters among them, are seldom drawn by chance."""
+        """Find what is seldom drawn by chance: the space samples on the wrong side of f, and suspects: points of far
+        space where f is about to rise above zero."""
+        self._violations = self._violations_of(networks).cpu()
+        points = self._hunt(networks, -MARGIN / 2)[:SUSPECTS]
+        excluded, distance = self._far.truth(points)
+        found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
+        rows = self.n_space + np.arange(self._suspects, self._suspects + int(found.sum())) % SUSPECTS
+        self._set_space(torch.from_numpy(rows), points[found], excluded[found], distance[found])
+        self._suspects += len(rows)
+
+    def _violations_of(self, networks: Networks) -> torch.Tensor:
         nothing = torch.empty(0, dtype=torch.int64, device=self.device)
 
         def look(at: int) -> torch.Tensor:
@@ -93,7 +121,23 @@ class Composite:
                 terms = self.terms(networks, nothing, part)
             return part[(terms.argument > self._margin[part]) & (terms.cost > 0)]
 
-        self._violations = torch.cat(self._team.map(look, range(0, self.n_space, LOOK_AT_ONCE))).cpu()
+        return torch.cat(self._team.map(look, range(0, self.n_space, LOOK_AT_ONCE)))
+
+    def _hunt(self, networks: Networks, level: float) -> np.ndarray:
+        """(N, 3) points of far space where f is above a level."""
+        points = self._put(self._far.draw(HUNT, self._hunter))
+
+        def above(at: int) -> torch.Tensor:
+            part = points[at : at + LOOK_AT_ONCE]
+            for k in range(len(networks)):
+                x = part @ self._rotations[k]
+                y = heights(networks, k, x[:, :2])
+                part = part[torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]) > level]
+            return part
+
+        with torch.no_grad():
+            found = self._team.map(above, range(0, len(points), LOOK_AT_ONCE))
+        return torch.cat([points[:0], *found]).cpu().numpy()
 
     def gradient(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> tuple[torch.Tensor, float]:
         """(K, P) gradient in theta of the loss, and the loss: the mean cost of the surface samples and that of the

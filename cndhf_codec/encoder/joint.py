@@ -20,7 +20,7 @@ from .fit import fit_all, one_torch_thread
 from .heights import Frame, frame_for_axis, height_targets
 from .progress import Stage
 from .rounding import Codes, matrices, relative_steps, round_networks, step_codes
-from .samples import draw_samples
+from .samples import FarSpace, draw_samples
 from .settings import Settings
 from .siren import Networks, stacked
 from .solid import Solid
@@ -115,7 +115,8 @@ def fit_plan(
     fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: report(done, loss))
     networks = stacked(fitted)
     networks = replace(networks, theta=networks.theta.to(device))
-    composite = Composite(draw_samples(solid, plan.frames, settings.samples, seed), plan.frames, device, team)
+    samples = draw_samples(solid, plan.frames, settings.samples, seed)
+    composite = Composite(samples, FarSpace(solid, plan.frames), plan.frames, device, team)
     report = stage("tune", settings.tune_steps)
     tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, seed, report)
     return networks, composite, max(t.unknown for t in targets)

@@ -1,5 +1,7 @@
 """Samples of the solid in space, for the joint fit: points on its surface and points off it.
 
+FarSpace draws more of what is off it and far away, where something small would stand apart from the solid.
+
 The truth is what the chosen double height fields can say: the intersection of their exact height fields. A point of
 a hidden cavity counts as inside.
 """
@@ -18,6 +20,7 @@ from .solid import Solid
 
 AT_WALLS, WALL = 0.25, 0.01  # share of the uniform samples near the walls of the domain boxes, and how near
 OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
+CELLS, CLEAR = 64, 0.02  # of FarSpace: cells a side, and their distance from the surface
 NEAR_SPREADS = (0.01, 0.04)  # standard deviations of the off-surface points' distance from the surface
 
 
@@ -41,7 +44,6 @@ class Samples:
 def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Samples:
     """`count` points of the surface, uniform by area, and as many of space: a half near the surface, a half uniform in
     the intersection of the domain boxes, which is all the space that the DHFs can fill."""
-    igl: Any = require("igl", "encode")
     rng = np.random.default_rng(seed)
     axes = np.stack([f.rotation[2] for f in frames])
     points, normals = surface_points(solid, count, rng)
@@ -53,19 +55,68 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     near = points[rng.integers(len(points), size=half)] + rng.normal(size=(half, 3)) * spread[:, None]
     space = np.concatenate([near, _at_walls(_in_boxes(frames, count - half, rng), frames, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
-    excluded = np.stack([(solid.first_hits(space, a) < 0) | (solid.first_hits(space, -a) < 0) for a in axes], axis=1)
-    # A ray may leave the solid through a hole of the mesh: what is inside by vote is not excluded.
-    doubtful = np.flatnonzero(excluded.any(axis=1))
-    excluded[doubtful[solid.contains(space[doubtful])]] = False
-    squared = igl.point_mesh_squared_distance(space, solid.vertices, solid.faces)[0]
     return Samples(
         surface=points[keep].astype(np.float32),
         seen=seen[keep],
         cosine=np.abs(normals[keep] @ axes.T).astype(np.float32),
         space=space.astype(np.float32),
-        excluded=excluded,
-        distance=np.sqrt(squared).astype(np.float32),
+        excluded=excluded_points(solid, frames, space),
+        distance=distances(solid, space).astype(np.float32),
     )
+
+
+def excluded_points(solid: Solid, frames: list[Frame], points: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """(N, K): whether the exact heights of each DHF leave a point out."""
+    axes = [f.rotation[2] for f in frames]
+    excluded = np.stack([(solid.first_hits(points, a) < 0) | (solid.first_hits(points, -a) < 0) for a in axes], axis=1)
+    # A ray may leave the solid through a hole of the mesh: what is inside by vote is not excluded.
+    doubtful = np.flatnonzero(excluded.any(axis=1))
+    excluded[doubtful[solid.contains(points[doubtful])]] = False
+    return excluded
+
+
+def distances(solid: Solid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(N,) distance of points to the surface."""
+    igl: Any = require("igl", "encode")
+    return np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0])
+
+
+class FarSpace:
+    """The cells of a grid over all domain boxes that keep clear of the solid: whatever is inside there is a floater."""
+
+    def __init__(self, solid: Solid, frames: list[Frame]) -> None:
+        self._solid, self._frames = solid, frames
+        lo, hi = frames[0].bounds.T
+        self._cell = (hi - lo) / CELLS
+        grid = np.stack(np.meshgrid(*[np.arange(CELLS)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        corners = lo + grid * self._cell
+        centres = (corners + self._cell / 2) @ frames[0].rotation
+        reach = float(np.linalg.norm(self._cell)) / 2
+        near_boxes = np.ones(len(centres), dtype=bool)
+        for f in frames[1:]:
+            uvz = centres @ f.rotation.T
+            near_boxes &= ((uvz > f.bounds[:, 0] - reach) & (uvz < f.bounds[:, 1] + reach)).all(axis=1)
+        corners, centres = corners[near_boxes], centres[near_boxes]
+        clear = distances(solid, centres) > reach + CLEAR
+        clear[clear] = excluded_points(solid, frames, centres[clear]).any(axis=1)
+        self._corners = corners[clear]
+
+    def draw(self, count: int, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+        """(n, 3) about `count` points, fewer where a cell juts out of a box; normalised frame."""
+        if not len(self._corners):
+            return np.empty((0, 3), dtype=np.float32)
+        uvz = self._corners[rng.integers(len(self._corners), size=count)] + rng.random((count, 3)) * self._cell
+        points = uvz @ self._frames[0].rotation
+        inside = np.ones(count, dtype=bool)
+        for f in self._frames[1:]:
+            uvz = points @ f.rotation.T
+            inside &= ((uvz >= f.bounds[:, 0]) & (uvz <= f.bounds[:, 1])).all(axis=1)
+        return points[inside].astype(np.float32)
+
+    def truth(self, points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
+        """Which DHFs exclude each of some drawn points, (N, K), and its distance from the surface, (N,)."""
+        wide = points.astype(np.float64)
+        return excluded_points(self._solid, self._frames, wide), distances(self._solid, wide).astype(np.float32)
 
 
 def surface_points(

@@ -73,13 +73,13 @@ _DEFAULT = Settings(
     laplacian=0.0,
     samples=400_000,
     trial_steps=300,
-    tune_steps=5000,
-    tune_rate=1.5e-3,
+    tune_steps=15_000,
+    tune_rate=1e-3,
     quantisation_loss=0.01,
-    bits=5.2,
+    bits=6.2,
     rounds=4,
-    round_steps=400,
-    round_rate=2.5e-4,
+    round_steps=1500,
+    round_rate=5e-4,
     verify_resolution=256,
 )
 
@@ -109,9 +109,7 @@ PRESETS: dict[str, Settings] = {
         round_steps=400,
     ),
     "default": _DEFAULT,
-    "best": replace(
-        _DEFAULT, steps=1000, trial_steps=600, tune_steps=20_000, tune_rate=1e-3, rounds=5, round_steps=800
-    ),
+    "best": replace(_DEFAULT, steps=1000, trial_steps=1000, tune_steps=100_000, batch=8192, rounds=5, round_steps=5000),
 }
 
 

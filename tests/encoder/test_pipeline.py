@@ -26,7 +26,7 @@ SMALL = replace(
     target_size=None,
     bits=7.0,
     samples=40_000,
-    tune_steps=900,
+    tune_steps=4000,
     rounds=2,
     round_steps=100,
 )
