@@ -45,7 +45,7 @@ def corpus() -> Path:
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The `fast` preset becomes a second's work. Its models are rough: for tests that look at anything else."""
-    from cndhf_codec.encoder import pipeline, rounding, settings
+    from cndhf_codec.encoder import pipeline, settings
     from cndhf_codec.encoder.verify import surface_distances
 
     small = replace(
@@ -63,6 +63,4 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
         round_steps=20,
     )
     monkeypatch.setitem(settings.PRESETS, "fast", small)
-    monkeypatch.setattr(rounding, "SURFACE", 2000)
-    monkeypatch.setattr(rounding, "SPACE", 1000)
     monkeypatch.setattr(pipeline, "surface_distances", partial(surface_distances, samples=2000))

@@ -20,15 +20,19 @@ HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
 IDLE = 0.03  # weight of a hinge that is kept: what no hinge holds would run away, and come back as a floater
 ROWS = 2048  # of the Jacobian held at once
 COLUMNS = 512  # of the matrix that a thread adds to at a time
-SURFACE, SPACE = 40_000, 20_000  # samples that one matrix is built from
+SURFACE, SPACE = 4.0, 2.0  # samples that the matrices are built from, for every weight of all networks
 
 F64 = npt.NDArray[np.float64]
 
 
 def blocks(
-    networks: Networks, composite: Composite, surface: torch.Tensor, space: torch.Tensor, team: Team
+    networks: Networks, composite: Composite, seed: int, team: Team, free: npt.NDArray[np.bool_] | None = None
 ) -> list[F64]:
-    """Matrix (P, P) of every network, weights in file order, from the samples with these indices."""
+    """The matrix of every network, from a fresh draw of samples: (P, P), or only the rows and columns of the weights
+    that are `free`, (K, P). Weights in file order."""
+    weights = networks.theta.numel()
+    generator = torch.Generator().manual_seed(seed)
+    surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), generator)
     with torch.no_grad():
         terms = composite.terms(networks, surface, space)
     n = len(surface)
@@ -44,20 +48,31 @@ def blocks(
     for k in range(len(networks)):
         rows = np.flatnonzero((dhf == k) & (weight > 0))
         uv = terms.uv[k].cpu().numpy()
-        H = np.zeros((theta.shape[1], theta.shape[1]))
+        columns = np.arange(theta.shape[1]) if free is None else np.flatnonzero(free[k])
+        H = np.zeros((len(columns), len(columns)))
         for at in range(0, len(rows), ROWS):
             part = rows[at : at + ROWS]
             jacobian = kernel.jacobian(theta[k], *networks.for_kernel, uv[part], side[part])
+            jacobian = jacobian if free is None else jacobian[:, columns]
             jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
             _add_square(H, jacobian, team)
-        out.append(np.tril(H) + np.tril(H, -1).T)
+        _mirror(H)
+        out.append(H)
     return out
 
 
 def _add_square(H: F64, jacobian: npt.NDArray[np.float32], team: Team) -> None:
     """Add J^T J to the lower triangle of H; every thread has columns of its own."""
 
-    def columns(at: int) -> None:
+    def add(at: int) -> None:
         H[at:, at : at + COLUMNS] += jacobian[:, at:].T @ jacobian[:, at : at + COLUMNS]
 
-    team.map(columns, range(0, len(H), COLUMNS))
+    team.map(add, range(0, len(H), COLUMNS))
+
+
+def _mirror(H: F64) -> None:
+    """Copy the lower triangle of H to the upper, column by column of blocks."""
+    for at in range(0, len(H), COLUMNS):
+        block = H[at : at + COLUMNS, at : at + COLUMNS]
+        block[:] = np.tril(block) + np.tril(block, -1).T
+        H[at : at + COLUMNS, at + COLUMNS :] = H[at + COLUMNS :, at : at + COLUMNS].T

@@ -17,9 +17,10 @@ from ..format.container import Symbols, parameter_count
 from .axisset import AxisCosts
 from .composite import Composite
 from .fit import fit_all, one_torch_thread
+from .gauss_newton import blocks
 from .heights import Frame, frame_for_axis, height_targets
 from .progress import Stage
-from .rounding import Codes, matrices, relative_steps, round_networks, step_codes
+from .rounding import Codes, relative_steps, round_networks, step_codes
 from .samples import FarSpace, draw_samples
 from .settings import Settings
 from .siren import Networks, stacked
@@ -138,13 +139,14 @@ def round_to_size(
     aim = 0.0 if room is None else room * AIM
     best: list[DhfRecord] | None = None
     fewest: float = math.inf
-    logs = relative_steps(networks, matrices(networks, composite, seed, team))
+    matrices = blocks(networks, composite, seed, team)
+    logs = relative_steps(networks, matrices)
     for attempt in range(ATTEMPTS):
         bits = settings.bits if room is None else _bits_for(networks, logs, aim)
         codes = step_codes(networks, logs, bits)
         report = stage("round", max(settings.rounds - 1, 1) * settings.round_steps)
         rounded = networks.copy()
-        round_networks(rounded, composite, settings, codes, seed + attempt, team, report)
+        round_networks(rounded, composite, settings, codes, matrices, seed + attempt, team, report)
         records = _records(rounded, codes, plan.frames)
         size = _coded_size(records)
         strays = composite.strays(rounded)

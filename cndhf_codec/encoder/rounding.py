@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dtrtri
 
 from ..format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from .composite import Composite
-from .gauss_newton import SPACE, SURFACE, blocks
+from .gauss_newton import blocks
 from .progress import OnStep
 from .settings import Settings
 from .siren import Networks
@@ -29,20 +29,14 @@ F64 = npt.NDArray[np.float64]
 Codes = npt.NDArray[np.int64]  # (K, tensors) step codes
 
 
-def matrices(networks: Networks, composite: Composite, seed: int, team: Team) -> list[F64]:
-    """H of every network, (P, P), from a fresh draw of samples."""
-    surface, space = composite.draw(SURFACE, SPACE, torch.Generator().manual_seed(seed))
-    return blocks(networks, composite, surface, space, team)
-
-
-def relative_steps(networks: Networks, matrices_of: list[F64]) -> F64:
+def relative_steps(networks: Networks, matrices: list[F64]) -> F64:
     """(K, tensors) log2 of the step of every tensor of every network, up to a common level.
 
     Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
     its U_ii.
     """
-    logs = np.stack([-np.log2(np.diag(_inverse_factor(H))) for H in matrices_of])
+    logs = np.stack([-np.log2(np.diag(_inverse_factor(H))) for H in matrices])
     return np.add.reduceat(logs, _starts(networks), axis=1) / networks.sizes
 
 
@@ -66,24 +60,32 @@ def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
 
 
 def round_networks(
-    networks: Networks, composite: Composite, settings: Settings, codes: Codes, seed: int, team: Team, on_step: OnStep
+    networks: Networks,
+    composite: Composite,
+    settings: Settings,
+    codes: Codes,
+    matrices: list[F64],
+    seed: int,
+    team: Team,
+    on_step: OnStep,
 ) -> None:
     """Round all weights in place to multiples of their steps, in `settings.rounds` rounds.
 
     Each round fixes the costliest half of what is free (the last one all of it), and the free weights are trained on
-    for `settings.round_steps` steps between rounds.
+    for `settings.round_steps` steps between rounds. matrices: H of the networks as they come.
     """
     steps = np.repeat(2.0 ** (-codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)
     held = np.zeros(steps.shape, dtype=bool)
     for r in range(settings.rounds):
         last = r == settings.rounds - 1
         theta = _theta(networks)
-        for k, H in enumerate(matrices(networks, composite, seed + r, team)):
+        of_free = matrices if r == 0 else blocks(networks, composite, seed + r, team, ~held)
+        for k, H in enumerate(of_free):
             free = np.flatnonzero(~held[k])
-            block, step = H[np.ix_(free, free)], steps[k, free]
-            order = np.argsort(-np.diag(block) * step**2, kind="stable")
+            step = steps[k, free]
+            order = np.argsort(-np.diag(H) * step**2, kind="stable")
             count = len(free) if last else round(len(free) * FIRST_ROUND)
-            theta[k, free] = _round_in_order(theta[k, free], block, step, order, count)
+            theta[k, free] = _round_in_order(theta[k, free], H, step, order, count)
             held[k, free[order[:count]]] = True
         networks.theta.copy_(torch.from_numpy(theta))
         if not last:

@@ -61,7 +61,7 @@ def test_inside_is_inside(encoded):
 
 def exact_distances(points, mesh) -> np.ndarray:
     """Point-to-triangle distances without igl: exact on the faces of the nearest of many surface samples."""
-    samples, face = trimesh.sample.sample_surface(mesh, 100_000, seed=7)
+    samples, face = trimesh.sample.sample_surface(mesh, 500_000, seed=7)
     near = face[cKDTree(samples).query(points, k=15)[1]]
     closest = trimesh.triangles.closest_point(mesh.triangles[near.ravel()], np.repeat(points, 15, axis=0))
     return np.linalg.norm(closest.reshape(-1, 15, 3) - points[:, None], axis=2).min(axis=1)
