@@ -38,15 +38,18 @@ def command(
         check_output(target, overwrite)
     if occupancy is not None:
         check_output(occupancy, overwrite)
+    if target is not None and occupancy is not None and target.absolute() == occupancy.absolute():
+        raise OptionError(f"{target}: the mesh and the grid cannot be one file; name two")
     model = load(source)
-    if target is not None:
-        mesh = model.to_mesh(resolution)
+    # Both are made before either is written: an interrupt leaves nothing.
+    mesh = None if target is None else model.to_mesh(resolution)
+    grid = None if occupancy is None else model.occupancy(resolution)
+    if mesh is not None and target is not None:
         write_mesh(mesh, target, overwrite)
         if not quiet:
             click.echo(f"{target}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
-    if occupancy is not None:
-        grid, origin, spacing = model.occupancy(resolution)
-        write_grid(occupancy, grid, origin, spacing, overwrite)
+    if grid is not None and occupancy is not None:
+        write_grid(occupancy, *grid, overwrite)
         if not quiet:
-            shape = " x ".join(str(n) for n in grid.shape)
-            click.echo(f"{occupancy}: {shape} nodes, {100 * grid.mean():.1f} % inside")
+            shape = " x ".join(str(n) for n in grid[0].shape)
+            click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside")

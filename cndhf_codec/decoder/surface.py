@@ -112,7 +112,24 @@ def occupancy(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.bool
     out = np.empty(grid.shape, dtype=bool)
     for first, last in _slabs(grid):
         np.greater_equal(field_slab(grid, dhfs, tables, first, last), 0, out=out[first:last])
+    # Tables are a little off where heights bend: what lies next to the surface is asked of the networks.
+    for first, last in _slabs(grid):
+        at = np.argwhere(_beside_surface(out[first:last])) + np.array([first, 0, 0])
+        for start in range(0, len(at), REFINED_AT_ONCE):
+            part = at[start : start + REFINED_AT_ONCE]
+            points = (grid.origin + grid.spacing * part).astype(np.float32)
+            out[tuple(part.T)] = np.minimum.reduce([dhf.implicit(points) for dhf in dhfs]) >= 0
     return out, grid.origin, grid.spacing
+
+
+def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Nodes one of whose six neighbours is not as they are."""
+    out = np.zeros_like(inside)
+    for axis in range(3):
+        ahead, behind = np.moveaxis(inside, axis, 0)[1:], np.moveaxis(inside, axis, 0)[:-1]
+        for rows in (np.moveaxis(out, axis, 0)[1:], np.moveaxis(out, axis, 0)[:-1]):
+            rows |= ahead != behind
+    return out
 
 
 def _on_surface(grid: Grid, dhfs: Sequence[Dhf], vertices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -152,8 +152,7 @@ def test_occupancy_agrees_with_contains():
     assert grid.dtype == bool
     nodes = origin + spacing * np.stack(np.indices(grid.shape), axis=-1)
     f = m.implicit(nodes)
-    clear = np.abs(f) > 0.1 * spacing  # nearer than that the height table may differ
-    assert clear.mean() > 0.9
+    clear = np.abs(f) > 1e-4 * spacing  # nearer than that float32 may differ
     assert np.array_equal(grid[clear], f[clear] >= 0)
     # The grid holds the whole solid, with `resolution` cells along its longest side.
     assert not any(grid.take(k, axis).any() for axis in range(3) for k in (0, -1))
