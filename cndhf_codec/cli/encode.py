@@ -36,6 +36,21 @@ OPEN = 0.001
     metavar="SIZE",
     help="Most bytes of OUTPUT, such as 4096, 4KB or 4KiB.  [default: the preset's]",
 )
+@click.option(
+    "--target-error",
+    metavar="ERROR",
+    help="Most mean error: 0.2% of the bounding box's diagonal, a number in input units, or 0.5mm with --unit. "
+    "Makes the smallest file found that keeps to it, by several encodes.",
+)
+@click.option(
+    "--unit", type=click.Choice(["mm", "cm", "m", "in"]), help="What the input's unit is, for --target-error."
+)
+@click.option(
+    "--time-limit",
+    metavar="SECONDS",
+    type=float,
+    help="Cut the fit short to keep to it; equal seeds then no longer give equal bytes.",
+)
 @click.option("--seed", type=int, default=0, help="Equal seeds give equal bytes on one kind of machine.")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Where to fit.")
 @click.option("--threads", type=int, help="Threads to use.  [default: all]")
@@ -50,6 +65,9 @@ def command(
     axes: int | None,
     width: int | None,
     target_size: str | None,
+    target_error: str | None,
+    unit: str | None,
+    time_limit: float | None,
     seed: int,
     device: str,
     threads: int | None,
@@ -73,6 +91,9 @@ def command(
             axes=axes,
             width=width,
             target_size=None if target_size is None else parse_size(target_size),
+            target_error=target_error,
+            unit=unit,
+            time_limit=time_limit,
             seed=seed,
             device=device,
             threads=threads,

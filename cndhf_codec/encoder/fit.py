@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from ..errors import EncodeError, OptionError
+from .deadline import Deadline
 from .heights import HeightTargets
 from .settings import Settings
 from .siren import Networks, forward, heights, initialise
@@ -53,9 +54,13 @@ def fit_all(
     device: torch.device,
     team: Team,
     on_steps: OnSteps,
+    deadline: Deadline,
 ) -> list[Networks]:
-    """Fit every DHF alone, side by side. Each fit runs in one thread, so that the result does not
-    depend on their number. Raises EncodeError when a fit diverges."""
+    """Fit every DHF alone, side by side; for fewer steps when the deadline comes first.
+
+    Each fit runs in one thread, so that the result does not depend on their number. Raises EncodeError when a fit
+    diverges.
+    """
     stop, lock = Event(), Lock()
     done = [0] * len(targets)
     losses = [math.nan] * len(targets)
@@ -67,7 +72,7 @@ def fit_all(
                 on_steps(sum(done), settings.steps * len(targets), float(np.nanmean(losses)))
 
         try:
-            return _fit(targets[i], settings, seed + i, device, stop, report)
+            return _fit(targets[i], settings, seed + i, device, stop, report, deadline)
         except BaseException:
             # Interrupted or failed: the other fits must not run on.
             stop.set()
@@ -84,6 +89,7 @@ def _fit(
     device: torch.device,
     stop: Event,
     report: Callable[[int, float], None],
+    deadline: Deadline,
 ) -> Networks:
     width = settings.width
     assert width is not None, "a size has been turned into a width before the fit"
@@ -94,12 +100,13 @@ def _fit(
     loss_of = (_TileLoss if settings.laplacian else _PointLoss)(targets, settings, device, settings.batch)
     step_by = _adam(theta) if settings.optimiser == "adam" else Soap(network).step
     for step in range(1, settings.steps + 1):
-        if stop.is_set():
+        done = max((step - 1) / settings.steps, deadline.passed())
+        if stop.is_set() or done >= 1:
             break
         loss = loss_of(network, generator)
         (gradient,) = torch.autograd.grad(loss, theta)
         with torch.no_grad():
-            step_by(gradient, settings.learning_rate * cosine_schedule(step, settings.steps, WARM_UP))
+            step_by(gradient, settings.learning_rate * cosine_schedule(step, done, WARM_UP))
         if step % REPORT_EVERY == 0 or step == settings.steps:
             value = loss.item()
             if not math.isfinite(value):
@@ -108,9 +115,10 @@ def _fit(
     return replace(network, theta=theta.detach().cpu())
 
 
-def cosine_schedule(step: int, steps: int, warm_up: int) -> float:
-    """Share of the learning rate at a step, from 1 on: rises in `warm_up` steps, and falls to 0 along a cosine."""
-    return min(1.0, step / warm_up) * 0.5 * (1 + math.cos(math.pi * (step - 1) / steps))
+def cosine_schedule(step: int, done: float, warm_up: int) -> float:
+    """Share of the learning rate at a step, from 1 on, when a share of the work is done: it rises in `warm_up` steps,
+    and falls to 0 along a cosine."""
+    return min(1.0, step / warm_up) * 0.5 * (1 + math.cos(math.pi * done))
 
 
 def _adam(theta: torch.Tensor) -> Callable[[torch.Tensor, float], None]:

@@ -25,11 +25,9 @@ SURFACE, SPACE = 4.0, 2.0  # samples that the matrices are built from, for every
 F64 = npt.NDArray[np.float64]
 
 
-def blocks(
-    networks: Networks, composite: Composite, seed: int, team: Team, free: npt.NDArray[np.bool_] | None = None
-) -> list[F64]:
-    """The matrix of every network, from a fresh draw of samples: (P, P), or only the rows and columns of the weights
-    that are `free`, (K, P). Weights in file order."""
+def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free: npt.NDArray[np.bool_]) -> list[F64]:
+    """The matrix of every network, from a fresh draw of samples: rows and columns are the weights that are `free`, a
+    mask (K, P), in file order."""
     weights = networks.theta.numel()
     generator = torch.Generator().manual_seed(seed)
     surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), generator)
@@ -48,12 +46,12 @@ def blocks(
     for k in range(len(networks)):
         rows = np.flatnonzero((dhf == k) & (weight > 0))
         uv = terms.uv[k].cpu().numpy()
-        columns = np.arange(theta.shape[1]) if free is None else np.flatnonzero(free[k])
+        columns = np.flatnonzero(free[k])
         H = np.zeros((len(columns), len(columns)))
         for at in range(0, len(rows), ROWS):
             part = rows[at : at + ROWS]
             jacobian = kernel.jacobian(theta[k], *networks.for_kernel, uv[part], side[part])
-            jacobian = jacobian if free is None else jacobian[:, columns]
+            jacobian = jacobian[:, columns]
             jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
             _add_square(H, jacobian, team)
         _mirror(H)

@@ -16,11 +16,11 @@ from ..format.constants import MAX_WIDTH, STEPS_PER_OCTAVE
 from ..format.container import Symbols, parameter_count
 from .axisset import AxisCosts
 from .composite import Composite
+from .deadline import Deadline
 from .fit import fit_all, one_torch_thread
-from .gauss_newton import blocks
 from .heights import Frame, frame_for_axis, height_targets
 from .progress import Stage
-from .rounding import Codes, relative_steps, round_networks, step_codes
+from .rounding import Codes, relative_steps, round_networks, sensitivities, step_codes
 from .samples import FarSpace, draw_samples
 from .settings import Settings
 from .siren import Networks, stacked
@@ -37,22 +37,33 @@ WITHIN = 0.95  # of the size asked for is the least that is good enough
 ATTEMPTS = 3
 BITS_RANGE = (3.0, 12.0)
 TRIAL_SAMPLES, TRIAL_RESOLUTION, TRIAL_POINTS = 100_000, 96, 20_000
+# Of a time limit: trial fits; of what is left then the fit, and of that the fit of every DHF alone; of what is left
+# then the first attempt at rounding.
+PLAN_SHARE, FIT_SHARE, ALONE_SHARE, FIRST_SHARE = 0.15, 0.65, 0.15, 0.7
 MORE_AXES = 0.97  # another axis must win by this factor
 
 
 def encode_joint(
-    solid: Solid, settings: Settings, metadata_bytes: int, seed: int, device: torch.device, threads: int, stage: Stage
+    solid: Solid,
+    settings: Settings,
+    metadata_bytes: int,
+    seed: int,
+    device: torch.device,
+    threads: int,
+    stage: Stage,
+    deadline: Deadline,
 ) -> tuple[list[DhfRecord], float, float, float]:
     """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes.
 
     metadata_bytes: size of the metadata section with its row in the table.
     """
     with one_torch_thread(), Team(threads) as team:
-        plan = make_plan(solid, settings, metadata_bytes, seed, device, team, stage)
+        plan = make_plan(solid, settings, metadata_bytes, seed, device, team, stage, deadline.part(PLAN_SHARE))
         if plan.visible == 0:
             return [], 0.0, 0.0, 0.0
-        networks, composite, unknown = fit_plan(solid, plan, settings, seed, device, team, stage)
-        records = round_to_size(networks, composite, plan, settings, metadata_bytes, seed, team, stage)
+        fit_deadline = deadline.part(FIT_SHARE)
+        networks, composite, unknown = fit_plan(solid, plan, settings, seed, device, team, stage, fit_deadline)
+        records = round_to_size(networks, composite, plan, settings, metadata_bytes, seed, team, stage, deadline)
     return records, plan.covered, plan.visible, unknown
 
 
@@ -67,7 +78,14 @@ class Plan:
 
 
 def make_plan(
-    solid: Solid, settings: Settings, metadata_bytes: int, seed: int, device: torch.device, team: Team, stage: Stage
+    solid: Solid,
+    settings: Settings,
+    metadata_bytes: int,
+    seed: int,
+    device: torch.device,
+    team: Team,
+    stage: Stage,
+    deadline: Deadline,
 ) -> Plan:
     """Choose the number of axes by short trial fits at the size asked for, and with it the width."""
     stage("axes", 1)
@@ -88,7 +106,7 @@ def make_plan(
     report = stage("plan", len(options))
     best, least = options[0], math.inf
     for k, plan in enumerate(options):
-        error = _trial(solid, plan, settings, seed, device, team)
+        error = _trial(solid, plan, settings, seed, device, team, deadline.part(1 / (len(options) - k)))
         report(k + 1, error)
         if error < least * MORE_AXES:
             best, least = plan, error
@@ -107,19 +125,27 @@ def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
 
 
 def fit_plan(
-    solid: Solid, plan: Plan, settings: Settings, seed: int, device: torch.device, team: Team, stage: Stage
+    solid: Solid,
+    plan: Plan,
+    settings: Settings,
+    seed: int,
+    device: torch.device,
+    team: Team,
+    stage: Stage,
+    deadline: Deadline,
 ) -> tuple[Networks, Composite, float]:
     """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes."""
     targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
     report = stage("fit", settings.steps * len(targets))
     settings = replace(settings, width=plan.width)
-    fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: report(done, loss))
+    alone = deadline.part(ALONE_SHARE)
+    fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: report(done, loss), alone)
     networks = stacked(fitted)
     networks = replace(networks, theta=networks.theta.to(device))
     samples = draw_samples(solid, plan.frames, settings.samples, seed)
     composite = Composite(samples, FarSpace(solid, plan.frames), plan.frames, device, team)
     report = stage("tune", settings.tune_steps)
-    tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, seed, report)
+    tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, seed, report, deadline)
     return networks, composite, max(t.unknown for t in targets)
 
 
@@ -132,6 +158,7 @@ def round_to_size(
     seed: int,
     team: Team,
     stage: Stage,
+    deadline: Deadline,
 ) -> list[DhfRecord]:
     """Round the networks, so that the file has the size asked for. Raises EncodeError when it cannot be met."""
     fixed = FILE_BYTES + metadata_bytes + 40 * len(networks)
@@ -139,14 +166,15 @@ def round_to_size(
     aim = 0.0 if room is None else room * AIM
     best: list[DhfRecord] | None = None
     fewest: float = math.inf
-    matrices = blocks(networks, composite, seed, team)
+    matrices = sensitivities(networks, composite, seed, team)
     logs = relative_steps(networks, matrices)
     for attempt in range(ATTEMPTS):
         bits = settings.bits if room is None else _bits_for(networks, logs, aim)
         codes = step_codes(networks, logs, bits)
         report = stage("round", max(settings.rounds - 1, 1) * settings.round_steps)
         rounded = networks.copy()
-        round_networks(rounded, composite, settings, codes, matrices, seed + attempt, team, report)
+        time_left = deadline.part(1 if attempt else FIRST_SHARE)
+        round_networks(rounded, composite, settings, codes, matrices, seed + attempt, team, report, time_left)
         records = _records(rounded, codes, plan.frames)
         size = _coded_size(records)
         strays = composite.strays(rounded)
@@ -156,6 +184,8 @@ def round_to_size(
             enough = room is None or size + fixed >= WITHIN * (room + fixed)
             if enough and (strays == 0 or attempt > 0):
                 break
+        if best is not None and deadline.passed() > 1 - FIRST_SHARE / 2:
+            break  # another attempt would be over time
         if room is not None and not WITHIN * room <= size <= room:
             aim *= AIM * room / size
     if best is None:
@@ -163,7 +193,15 @@ def round_to_size(
     return best
 
 
-def _trial(solid: Solid, plan: Plan, settings: Settings, seed: int, device: torch.device, team: Team) -> float:
+def _trial(
+    solid: Solid,
+    plan: Plan,
+    settings: Settings,
+    seed: int,
+    device: torch.device,
+    team: Team,
+    deadline: Deadline,
+) -> float:
     """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing."""
     short = replace(
         settings,
@@ -172,7 +210,8 @@ def _trial(solid: Solid, plan: Plan, settings: Settings, seed: int, device: torc
         samples=TRIAL_SAMPLES,
         target_resolution=256,
     )
-    networks, _, _ = fit_plan(solid, plan, short, seed, device, team, lambda name, total: lambda done, loss: None)
+    silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731
+    networks, _, _ = fit_plan(solid, plan, short, seed, device, team, silent, deadline)
     records = _records(networks, _finest(networks), plan.frames)
     try:
         surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).to_mesh(TRIAL_RESOLUTION)

@@ -8,6 +8,7 @@ import torch
 
 from ..format import DhfRecord
 from .axes import choose_axes
+from .deadline import Deadline
 from .fit import fit_all, one_torch_thread
 from .heights import frame_for_axis, height_targets
 from .progress import Stage
@@ -18,7 +19,7 @@ from .team import Team
 
 
 def encode_paper(
-    solid: Solid, settings: Settings, seed: int, device: torch.device, threads: int, stage: Stage
+    solid: Solid, settings: Settings, seed: int, device: torch.device, threads: int, stage: Stage, deadline: Deadline
 ) -> tuple[list[DhfRecord], float, float, float]:
     """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes."""
     stage("axes", 1)
@@ -29,7 +30,7 @@ def encode_paper(
     targets = [height_targets(solid, f, settings.target_resolution) for f in frames]
     on_fit = stage("fit", settings.steps * len(targets))
     with one_torch_thread(), Team(threads) as team:
-        fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: on_fit(done, loss))
+        fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: on_fit(done, loss), deadline)
     on_rounded = stage("round", len(targets))
     records = []
     for k, (network, target) in enumerate(zip(fitted, targets, strict=True)):

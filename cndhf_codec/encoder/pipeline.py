@@ -14,12 +14,16 @@ from ..errors import EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
+from .deadline import Deadline
+from .goal import parse_error, smallest_file
 from .normalise import normalisation
 from .progress import OnStep, Progress, silent
 from .read import read_mesh
 from .settings import Settings, settings_for
 from .solid import Solid
 from .verify import Distances, surface_distances
+
+VERIFY_SHARE = 0.1  # of a time limit
 
 
 @dataclass
@@ -46,6 +50,9 @@ def encode(
     axes: int | None = None,
     width: int | None = None,
     target_size: int | None = None,
+    target_error: float | str | None = None,
+    unit: str | None = None,
+    time_limit: float | None = None,
     seed: int = 0,
     device: str = "auto",
     threads: int | None = None,
@@ -57,6 +64,10 @@ def encode(
     source: a path (OBJ, PLY, STL, OFF, GLB), a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
     preset: "fast", "default", "best" or "paper". axes: the most DHFs to use. width: of every network.
     target_size: bytes that the file shall not exceed (the width then follows from it).
+    target_error: mean error that the file shall not exceed, in input units, or as a string "0.2%" of the bounding
+    box's diagonal, or, when unit ("mm", "cm", "m" or "in") says what the input's unit is, "0.5mm": the smallest file
+    found that keeps to it, by several encodes. EncodeError when none does.
+    time_limit: seconds; the fit is cut short to keep to it, so that bytes then depend on the machine's speed.
     seed: equal seeds give equal bytes on the same kind of machine. device: "auto", "cpu" or "cuda".
     threads: how many to use, all by default; the result does not depend on it. source_name: write the
     source's file name into the file. Raises a subclass of CndhfError.
@@ -67,6 +78,9 @@ def encode(
         axes=axes,
         width=width,
         target_size=target_size,
+        target_error=target_error,
+        unit=unit,
+        time_limit=time_limit,
         seed=seed,
         device=device,
         threads=threads,
@@ -82,6 +96,9 @@ def encode_with_report(
     axes: int | None = None,
     width: int | None = None,
     target_size: int | None = None,
+    target_error: float | str | None = None,
+    unit: str | None = None,
+    time_limit: float | None = None,
     seed: int = 0,
     device: str = "auto",
     threads: int | None = None,
@@ -90,6 +107,11 @@ def encode_with_report(
 ) -> tuple[Model, Report]:
     """As `encode`, with a Report of what was done."""
     settings = settings_for(preset, axes, width, target_size)
+    goal = None if target_error is None else parse_error(target_error, unit)
+    if goal is not None and (target_size is not None or width is not None or not settings.joint):
+        raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
+    if time_limit is not None and not time_limit > 0:
+        raise OptionError(f"time limit is {time_limit}; give a positive number of seconds")
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if threads < 1:
@@ -112,45 +134,63 @@ def encode_with_report(
     metadata_bytes = len(pack_metadata(metadata)) + TABLE_ENTRY_SIZE
     report = Report(settings)
     clock = _Clock(report, progress)
+    deadline = Deadline() if time_limit is None else Deadline(time_limit)
 
     clock("read", 1)
     mesh = read_mesh(source)
     norm = normalisation(mesh)
     solid = Solid(norm.apply(mesh.vertices), mesh.faces)
     report.faces, report.dropped_faces, report.flipped = len(mesh.faces), mesh.dropped, solid.flipped
-    # One BLAS thread: the fits bring their own threads, and no sum depends on how many there are.
-    with threadpool_limits(1, user_api="blas"):
-        if settings.joint:
-            done = encode_joint(solid, settings, metadata_bytes, seed, torch_device, threads, clock)
-        else:
-            done = encode_paper(solid, settings, seed, torch_device, threads, clock)
-    records, report.covered, report.visible, report.unknown = done
-    if not records:
-        raise MeshError(f"{mesh.name}: no axis sees any of its surface; it does not bound a solid")
-
-    clock("verify", 1)
-    container = Container(
-        norm.centre, norm.scale, tuple(records), metadata, CODEC_RANS if settings.joint else CODEC_ZSTD
-    )
-    # What is measured is what a user would decode from the bytes on disk.
-    try:
-        surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
-    except SurfaceError as exc:
-        raise EncodeError(
-            f"{mesh.name}: the fit was too coarse to hold a solid; use a larger size or width, or a slower preset"
-        ) from exc
-    measured = surface_distances(solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed)
-    report.normalised, report.distances = measured, measured.scaled(norm.scale)
     extent = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
     report.diagonal = float((extent @ extent) ** 0.5)
-    metadata = replace(
-        metadata,
-        mean_error=_significant(report.distances.chamfer),
-        p99_error=_significant(report.distances.p99),
-        max_error=_significant(report.distances.maximum),
-    )
-    clock.close()
-    return Model(replace(container, metadata=metadata)), report
+
+    def attempt(settings: Settings, deadline: Deadline) -> tuple[Model, Report]:
+        """One encode, as the settings say."""
+        fit_deadline = deadline.part(1 - VERIFY_SHARE)
+        # One BLAS thread: the fits bring their own threads, and no sum depends on how many there are.
+        with threadpool_limits(1, user_api="blas"):
+            if settings.joint:
+                done = encode_joint(solid, settings, metadata_bytes, seed, torch_device, threads, clock, fit_deadline)
+            else:
+                done = encode_paper(solid, settings, seed, torch_device, threads, clock, fit_deadline)
+        records, report.covered, report.visible, report.unknown = done
+        if not records:
+            raise MeshError(f"{mesh.name}: no axis sees any of its surface; it does not bound a solid")
+
+        clock("verify", 1)
+        container = Container(
+            norm.centre, norm.scale, tuple(records), metadata, CODEC_RANS if settings.joint else CODEC_ZSTD
+        )
+        # What is measured is what a user would decode from the bytes on disk.
+        try:
+            surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
+        except SurfaceError as exc:
+            raise EncodeError(
+                f"{mesh.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
+                "or more time"
+            ) from exc
+        measured = surface_distances(solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed)
+        clock.close()
+        distances = measured.scaled(norm.scale)
+        with_errors = replace(
+            metadata,
+            mean_error=_significant(distances.chamfer),
+            p99_error=_significant(distances.p99),
+            max_error=_significant(distances.maximum),
+        )
+        model = Model(replace(container, metadata=with_errors))
+        return model, replace(report, settings=settings, normalised=measured, distances=distances)
+
+    if goal is None:
+        return attempt(settings, deadline)
+
+    def attempt_size(size: int, more: int) -> tuple[tuple[Model, Report], float]:
+        result = attempt(replace(settings, target_size=size), deadline.part(1 / (more + 1)))
+        distances = result[1].distances
+        assert distances is not None
+        return result, distances.chamfer
+
+    return smallest_file(attempt_size, goal.in_units(report.diagonal))
 
 
 class _Clock:

@@ -7,6 +7,8 @@ nearest plane is the same rule.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -14,6 +16,7 @@ from scipy.linalg.lapack import dtrtri
 
 from ..format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from .composite import Composite
+from .deadline import Deadline
 from .gauss_newton import blocks
 from .progress import OnStep
 from .settings import Settings
@@ -23,20 +26,30 @@ from .tune import tune
 
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
 FIRST_ROUND = 0.5  # share of the free weights that each round but the last fixes
+TOGETHER = 9000  # most weights of a network whose errors feed each other: their matrix must fit in memory
 GAUSSIAN_BITS = 2.05  # entropy of a rounded Gaussian of standard deviation 1: 0.5 log2(2 pi e)
 
 F64 = npt.NDArray[np.float64]
 Codes = npt.NDArray[np.int64]  # (K, tensors) step codes
 
 
-def relative_steps(networks: Networks, matrices: list[F64]) -> F64:
+def sensitivities(networks: Networks, composite: Composite, seed: int, team: Team) -> list[list[F64]]:
+    """The Gauss-Newton matrices of all weights, as `round_networks` takes them: for every part of the weights that is
+    rounded together, the matrix of each network."""
+    mask = np.ones(networks.theta.shape, dtype=bool)
+    return [blocks(networks, composite, seed, team, mask & part) for part in _parts(networks)]
+
+
+def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
     """(K, tensors) log2 of the step of every tensor of every network, up to a common level.
 
     Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
     its U_ii.
     """
-    logs = np.stack([-np.log2(np.diag(_inverse_factor(H))) for H in matrices])
+    logs = np.concatenate(
+        [np.stack([-np.log2(np.diag(_inverse_factor(H))) for H in part]) for part in matrices], axis=1
+    )
     return np.add.reduceat(logs, _starts(networks), axis=1) / networks.sizes
 
 
@@ -64,29 +77,33 @@ def round_networks(
     composite: Composite,
     settings: Settings,
     codes: Codes,
-    matrices: list[F64],
+    matrices: list[list[F64]],
     seed: int,
     team: Team,
     on_step: OnStep,
+    deadline: Deadline,
 ) -> None:
     """Round all weights in place to multiples of their steps, in `settings.rounds` rounds.
 
     Each round fixes the costliest half of what is free (the last one all of it), and the free weights are trained on
-    for `settings.round_steps` steps between rounds. matrices: H of the networks as they come.
+    for `settings.round_steps` steps between rounds. matrices: what `sensitivities` gives for the
+    networks as they come.
     """
     steps = np.repeat(2.0 ** (-codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)
     held = np.zeros(steps.shape, dtype=bool)
     for r in range(settings.rounds):
         last = r == settings.rounds - 1
         theta = _theta(networks)
-        of_free = matrices if r == 0 else blocks(networks, composite, seed + r, team, ~held)
-        for k, H in enumerate(of_free):
-            free = np.flatnonzero(~held[k])
-            step = steps[k, free]
-            order = np.argsort(-np.diag(H) * step**2, kind="stable")
-            count = len(free) if last else round(len(free) * FIRST_ROUND)
-            theta[k, free] = _round_in_order(theta[k, free], H, step, order, count)
-            held[k, free[order[:count]]] = True
+        before = held.copy()
+        for p, part in enumerate(_parts(networks)):
+            of_free = matrices[p] if r == 0 else blocks(networks, composite, seed + r, team, ~before & part)
+            for k, H in enumerate(of_free):
+                free = np.flatnonzero(~before[k] & part)
+                step = steps[k, free]
+                order = np.argsort(-np.diag(H) * step**2, kind="stable")
+                count = len(free) if last else round(len(free) * FIRST_ROUND)
+                theta[k, free] = _round_in_order(theta[k, free], H, step, order, count)
+                held[k, free[order[:count]]] = True
         networks.theta.copy_(torch.from_numpy(theta))
         if not last:
             done = r * settings.round_steps
@@ -103,8 +120,17 @@ def round_networks(
                 settings.round_rate,
                 seed + r,
                 report,
+                deadline.part(1 / (settings.rounds - 1 - r)),
                 mask,
             )
+
+
+def _parts(networks: Networks) -> npt.NDArray[np.bool_]:
+    """(parts, P) masks of the weights that are rounded together: whole tensors, and all of them when they are few."""
+    sizes = np.array(networks.sizes)
+    count = math.ceil(sizes.sum() / TOGETHER)
+    of_tensor = np.minimum((np.cumsum(sizes) - sizes / 2) * count // sizes.sum(), count - 1)
+    return np.repeat(of_tensor, sizes) == np.arange(count)[:, None]
 
 
 def _theta(networks: Networks) -> F64:

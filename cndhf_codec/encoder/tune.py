@@ -8,6 +8,7 @@ import torch
 
 from ..errors import EncodeError
 from .composite import Composite
+from .deadline import Deadline
 from .fit import cosine_schedule
 from .progress import OnStep
 from .siren import Networks
@@ -27,9 +28,11 @@ def tune(
     rate: float,
     seed: int,
     on_step: OnStep,
+    deadline: Deadline,
     held: torch.Tensor | None = None,
 ) -> None:
-    """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine.
+    """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine; faster, and
+    for fewer steps, when the deadline comes first.
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges.
     """
@@ -38,13 +41,16 @@ def tune(
     start = networks.theta.clone()
     n_surface = round(batch * SURFACE)
     for step in range(1, steps + 1):
+        done = max((step - 1) / steps, deadline.passed())
+        if done >= 1:
+            break
         if (step - 1) % LOOK_EVERY == 0:
             composite.look_for_violations(networks)
         on, off = composite.draw(n_surface, batch - n_surface, generator)
         gradient, loss = composite.gradient(networks, on, off)
         if held is not None:
             gradient.masked_fill_(held, 0)
-        optimiser.step(gradient, rate * cosine_schedule(step, steps, WARM_UP))
+        optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)
         if step % REPORT_EVERY == 0 or step == steps:

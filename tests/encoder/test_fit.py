@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 import trimesh
 
 from cndhf_codec.decoder.network import Network
+from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.fit import choose_device, fit_all, one_torch_thread
 from cndhf_codec.encoder.heights import frame_for_axis, height_targets
 from cndhf_codec.encoder.settings import PRESETS
@@ -32,9 +34,10 @@ def targets():
     return [height_targets(solid, frame_for_axis(a, solid.vertices), 48) for a in axes]
 
 
-def fit(targets, settings=SMALL, seed=0, threads=1, on_steps=lambda *_: None):
+def fit(targets, settings=SMALL, seed=0, threads=1, on_steps=lambda *_: None, deadline=None):
+    deadline = deadline or Deadline()
     with Team(threads) as team:
-        networks = fit_all(targets, settings, seed, CPU, team, on_steps)
+        networks = fit_all(targets, settings, seed, CPU, team, on_steps, deadline)
     return [[t.numpy() for t in n.tensors(0)] for n in networks]
 
 
@@ -93,6 +96,13 @@ def test_progress_counts_the_steps_of_all_fits(targets):
     assert [done for done, _, _ in seen] == sorted(done for done, _, _ in seen)
     assert seen[-1][:2] == (150, 150)
     assert all(np.isfinite(loss) for _, _, loss in seen)
+
+
+def test_a_deadline_ends_the_fit(targets):
+    start = time.monotonic()
+    (tensors,) = fit(targets[:1], replace(SMALL, steps=10**7), deadline=Deadline(3.0))
+    assert time.monotonic() - start < 20
+    assert outcome(tensors, targets[0])[0] < 0.2
 
 
 def test_an_interrupt_stops_the_other_fits(targets):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import igl
@@ -14,6 +15,7 @@ from cndhf_codec.cli.sizes import parse_size
 from cndhf_codec.encoder import kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
 from cndhf_codec.encoder.composite import Composite
+from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
 from cndhf_codec.encoder.joint import width_for
@@ -184,7 +186,7 @@ def test_a_floater_is_hunted_down(composite):
     nets.theta.zero_()
     nets.theta[:, -2:] = torch.tensor([-2.0, 2.0])
     assert composite.strays(nets) > 10_000
-    tune(nets, composite, 512, 1, 1e-9, 0, lambda step, loss: None)
+    tune(nets, composite, 512, 1, 1e-9, 0, lambda step, loss: None, Deadline())
     assert composite._suspects > 1000
     _, off = composite.draw(10, 400, torch.Generator().manual_seed(0))
     assert (off >= composite.n_space).sum() == 100
@@ -198,7 +200,7 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
     losses: list[float] = []
     held = torch.zeros(nets.theta.shape, dtype=torch.bool)
     held[0, 100:300] = True
-    tune(nets, composite, 512, 200, 3e-3, 0, lambda step, loss: losses.append(loss), held)
+    tune(nets, composite, 512, 200, 3e-3, 0, lambda step, loss: losses.append(loss), Deadline(), held)
     assert losses[-1] < losses[0]
     start = networks()
     on, off = composite.draw(5000, 5000, torch.Generator().manual_seed(1))
@@ -207,9 +209,18 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
     assert (nets.theta[~held] != start.theta[~held]).float().mean() > 0.99
 
 
+def test_a_deadline_ends_the_joint_fit(composite):
+    steps: list[int] = []
+    start = time.monotonic()
+    tune(networks(), composite, 64, 10**7, 1e-3, 0, lambda step, loss: steps.append(step), Deadline(1.0))
+    assert time.monotonic() - start < 20
+    assert len(steps) < 10**5
+
+
 def test_the_matrix_does_not_depend_on_threads(composite):
     with Team(1) as one, Team(3) as three:
-        a, b = (blocks(networks(11), composite, 0, team) for team in (one, three))
+        whole = np.ones(networks(11).theta.shape, dtype=bool)
+        a, b = (blocks(networks(11), composite, 0, team, whole) for team in (one, three))
     free = np.arange(a[0].shape[0]) % 3 == 0
     part = blocks(networks(11), composite, 0, Team(1), np.stack([free, ~free]))
     for x, y, z, mask in zip(a, b, part, (free, ~free), strict=True):
@@ -235,13 +246,17 @@ def test_error_feedback_beats_plain_rounding():
     assert cost(rounded) < 0.5 * cost(np.rint(theta / step) * step)
 
 
-def test_rounded_networks_are_multiples_of_their_steps(composite):
+@pytest.mark.parametrize("together", [100, 10_000])
+def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, together):
+    monkeypatch.setattr(rounding, "TOGETHER", together)
     nets = networks()
+    assert len(rounding._parts(nets)) == (5 if together == 100 else 1)
+    assert (rounding._parts(nets).sum(axis=0) == 1).all()
     with Team(2) as team:
-        matrices = blocks(nets, composite, 0, team)
+        matrices = rounding.sensitivities(nets, composite, 0, team)
         logs = rounding.relative_steps(nets, matrices)
         codes = rounding.step_codes(nets, logs, 5.0)
-        rounding.round_networks(nets, composite, SMALL, codes, matrices, 0, team, lambda step, loss: None)
+        rounding.round_networks(nets, composite, SMALL, codes, matrices, 0, team, lambda step, loss: None, Deadline())
     for k, of_net in enumerate(codes):
         for tensor, code in zip(nets.tensors(k), of_net, strict=True):
             symbols = tensor.double() * 2 ** (int(code) / 4)

@@ -11,6 +11,7 @@ import trimesh
 
 from cndhf_codec.decoder.network import Network
 from cndhf_codec.encoder import quantise as quantise_module
+from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.fit import fit_all
 from cndhf_codec.encoder.heights import frame_for_axis, height_targets
 from cndhf_codec.encoder.quantise import quantise
@@ -31,7 +32,7 @@ def targets():
 
 @pytest.fixture(scope="module")
 def fitted(targets):
-    (network,) = fit_all([targets], SETTINGS, 0, torch.device("cpu"), Team(1), lambda *_: None)
+    (network,) = fit_all([targets], SETTINGS, 0, torch.device("cpu"), Team(1), lambda *_: None, Deadline())
     return [t.numpy() for t in network.tensors(0)]
 
 

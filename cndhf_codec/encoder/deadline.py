@@ -1,0 +1,22 @@
+"""Time limits: what a stage may use, as the share of it that has passed."""
+
+from __future__ import annotations
+
+import math
+import time
+
+
+class Deadline:
+    """So many seconds from now; infinitely many by default."""
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self._seconds = max(seconds, 1e-3)
+        self._start = time.monotonic()
+
+    def passed(self) -> float:
+        """Share of the time that has passed, 1 and more when it is over; 0 without a limit."""
+        return (time.monotonic() - self._start) / self._seconds
+
+    def part(self, share: float) -> Deadline:
+        """A deadline after that share of the time that is left."""
+        return Deadline(share * (self._seconds - (time.monotonic() - self._start)))

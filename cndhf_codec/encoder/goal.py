@@ -1,0 +1,95 @@
+"""A file as small as a given error allows."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from ..errors import EncodeError, OptionError
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+START, MOST = 4096, 24_576  # bytes of the first file tried, and of the largest
+LEAST = 600
+TRIES = 6
+SLOPE = 0.8  # of log error against log bytes, before anything is known of the mesh
+NEAR = 1.05  # a file this much larger than one that fails is small enough
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class ErrorGoal:
+    """A mean error: in input units, or relative to the diagonal of the input's bounding box."""
+
+    value: float
+    relative: bool
+
+    def in_units(self, diagonal: float) -> float:
+        return self.value * diagonal if self.relative else self.value
+
+
+def parse_error(text: str | float, unit: str | None) -> ErrorGoal:
+    """A mean error as a user writes it: "0.2%" of the diagonal; a number in input units; or, when `unit` says what the
+    input's unit is, "0.5mm", "0.1cm", "0.001m" or "0.02in". Raises OptionError."""
+    if unit is not None and unit not in METRES:
+        raise OptionError(f"unit is {unit!r}; there are {', '.join(METRES)}")
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*(%|[a-z]+)?\s*", str(text))
+    value = float(match[1]) if match else 0.0
+    if match is None or not 0 < value < math.inf:
+        raise OptionError(f"target error is {text!r}; give a positive number, alone or with %, mm, cm, m or in")
+    suffix = match[2]
+    if suffix == "%":
+        return ErrorGoal(value / 100, relative=True)
+    if suffix is None:
+        return ErrorGoal(value, relative=False)
+    if suffix not in METRES:
+        raise OptionError(f"target error is {text!r}; units are {', '.join(METRES)}, or % of the diagonal")
+    if unit is None:
+        raise OptionError(f"target error is {text!r}, but the input's unit is not known; state it with --unit")
+    return ErrorGoal(value * METRES[suffix] / METRES[unit], relative=False)
+
+
+def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: float) -> Result:
+    """The result of the smallest size found whose error is within the limit.
+
+    attempt: takes a size in bytes and how many attempts may still follow, gives a result and its error. Error falls
+    about as a power of the size: the next size is where that power, or the one that the last two tell, meets the limit.
+    Raises EncodeError when the largest size does not meet it.
+    """
+    size, best = START, None
+    fails, meets = (0, math.inf), (0, 0.0)  # the largest size that fails and the smallest that meets, with their errors
+    for k in range(TRIES):
+        result, error = attempt(size, TRIES - 1 - k)
+        if error <= limit:
+            best, meets = result, (size, error)
+        elif size > fails[0]:
+            fails = (size, error)
+        if best is None:
+            if size == MOST:
+                break
+            size = min(_at_limit(size, error, SLOPE, limit, 1.25), MOST)
+        elif fails[0] == 0:
+            if size == LEAST:
+                break
+            size = max(min(_at_limit(size, error, SLOPE, limit, 0.0), round(size / 1.1)), LEAST)
+        elif meets[0] <= NEAR * fails[0]:
+            break
+        else:
+            slope = math.log(fails[1] / max(meets[1], 1e-9 * limit)) / math.log(meets[0] / fails[0])
+            guess = _at_limit(meets[0], meets[1], max(slope, 0.1), limit, 0.0)
+            size = min(max(guess, round(fails[0] * 1.02)), round(meets[0] / 1.02))
+    if best is None:
+        raise EncodeError(
+            f"the mean error asked for, {limit:.4g} in input units, was not reached: it is {fails[1]:.4g} at "
+            f"{fails[0]} bytes; allow more error, use a slower preset, or see whether parts of the surface are hidden"
+        )
+    return best
+
+
+def _at_limit(size: int, error: float, slope: float, limit: float, least: float) -> int:
+    """The size at which the error meets the limit, with a little to spare; at least `least` times this size."""
+    factor = 1.02 * (error / limit) ** (1 / slope)
+    return round(size * min(max(factor, least), 100.0))
