@@ -7,6 +7,8 @@ costs on the best axis of the set.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,7 @@ from .solid import Solid
 from .team import Team
 
 DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
+ALIGNED = 6  # the last of the candidates: coordinate and principal axes
 POINTS = 20_000
 SLANT = 2e-4  # cost of a point seen at a cosine of 1/2 (normalised units)
 LEAST_COSINE = 0.1
@@ -34,14 +37,25 @@ class AxisCosts:
         self._seen = np.stack([seen for _, seen in rows])
         self.visible = float(self._seen.any(axis=0).mean())
 
-    def best(self, count: int) -> list[int]:
-        """The `count` axes of least mean cost: greedy, then single exchanges until none helps; largest share first."""
-        chosen: list[int] = []
-        for _ in range(count):
+    def sets(self, count: int) -> list[list[int]]:
+        """Sets of `count` axes to choose from: the one of least mean cost, and the one with the best aligned axis.
+
+        Along the edges of a mechanical part heights are constant, and walls are silhouettes: networks learn that much
+        faster than what the exact height fields of slanted axes would say.
+        """
+        aligned = min(range(len(self.axes) - ALIGNED, len(self.axes)), key=lambda k: self.mean_cost([k]))
+        free, with_aligned = self.best(count), self.best(count, [aligned])
+        return [free] if sorted(free) == sorted(with_aligned) else [free, with_aligned]
+
+    def best(self, count: int, given: Sequence[int] = ()) -> list[int]:
+        """The `count` axes of least mean cost, some of them given: greedy, then single exchanges until none helps;
+        largest share first."""
+        chosen = list(given)
+        while len(chosen) < count:
             chosen.append(int(np.argmin(self._with(chosen))))
         while True:
             before = self.mean_cost(chosen)
-            for k in range(count):
+            for k in range(len(given), count):
                 others = chosen[:k] + chosen[k + 1 :]
                 chosen[k] = int(np.argmin(self._with(others)))
             if self.mean_cost(chosen) >= before * 0.999:

@@ -22,6 +22,7 @@ from .team import Team
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
 NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
+BEYOND = 10.0  # times as much weighs a sample outside the input's bounding box
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**15
 HUNT = 2**19  # points of far space that a search for floaters looks at
@@ -58,6 +59,7 @@ class Composite:
         self._surface = self._put(samples.surface) @ self._rotations  # (K, N, 3)
         self._seen = torch.from_numpy(samples.seen).to(device)
         self._cosine = self._put(samples.cosine)
+        self._box = self._put(samples.box)
         self._hunter = np.random.default_rng(0)
         self._suspects = 0
         self._violations = torch.empty(0, dtype=torch.int64)
@@ -75,7 +77,9 @@ class Composite:
         self._excluded[rows] = torch.from_numpy(excluded).to(self.device)
         self._inside[rows] = ~self._excluded[rows].any(dim=1)
         self._distance[rows] = self._put(distance)
-        self._weight[rows] = 1 + self._distance[rows] / NEAR
+        p = self._put(points)
+        out = ((p < self._box[0]) | (p > self._box[1])).any(dim=1)
+        self._weight[rows] = (1 + self._distance[rows] / NEAR) * torch.where(out, BEYOND, 1.0)
         # Outside one of the boxes there is nothing that a network could get wrong.
         lo, hi = self._boxes[:, None, :, 0], self._boxes[:, None, :, 1]
         beyond = ((self._space[:, rows] < lo) | (self._space[:, rows] > hi)).any(dim=2).any(dim=0)

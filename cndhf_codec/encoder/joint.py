@@ -36,7 +36,7 @@ AIM = 0.98  # of the size asked for is what the rounding aims at: the size is kn
 WITHIN = 0.95  # of the size asked for is the least that is good enough
 ATTEMPTS = 3
 BITS_RANGE = (3.0, 12.0)
-TRIAL_SAMPLES, TRIAL_RESOLUTION, TRIAL_POINTS = 100_000, 96, 20_000
+TRIAL_SAMPLES, TRIAL_CELLS, TRIAL_RESOLUTION, TRIAL_POINTS = 100_000, 24, 96, 20_000
 # Of a time limit: trial fits; of what is left then the fit, and of that the fit of every DHF alone; of what is left
 # then the first attempt at rounding.
 PLAN_SHARE, FIT_SHARE, ALONE_SHARE, FIRST_SHARE = 0.15, 0.65, 0.15, 0.7
@@ -87,7 +87,7 @@ def make_plan(
     stage: Stage,
     deadline: Deadline,
 ) -> Plan:
-    """Choose the number of axes by short trial fits at the size asked for, and with it the width."""
+    """Choose the axes by short trial fits at the size asked for; the width follows from their number."""
     stage("axes", 1)
     costs = AxisCosts(solid, seed, team)
     most = 1 if costs.visible == 0 else settings.max_axes or 1
@@ -96,9 +96,9 @@ def make_plan(
         width = settings.width or width_for(settings, count, metadata_bytes)
         if width < LEAST_WIDTH:
             break
-        chosen = costs.best(count)
-        frames = [frame_for_axis(costs.axes[i], solid.vertices) for i in chosen]
-        options.append(Plan(frames, width, costs.covered(chosen), costs.visible))
+        for chosen in costs.sets(count):
+            frames = [frame_for_axis(costs.axes[i], solid.vertices) for i in chosen]
+            options.append(Plan(frames, width, costs.covered(chosen), costs.visible))
     if not options:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
@@ -143,7 +143,7 @@ def fit_plan(
     networks = stacked(fitted)
     networks = replace(networks, theta=networks.theta.to(device))
     samples = draw_samples(solid, plan.frames, settings.samples, seed)
-    composite = Composite(samples, FarSpace(solid, plan.frames), plan.frames, device, team)
+    composite = Composite(samples, FarSpace(solid, plan.frames, settings.far_cells), plan.frames, device, team)
     report = stage("tune", settings.tune_steps)
     tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, seed, report, deadline)
     return networks, composite, max(t.unknown for t in targets)
@@ -208,6 +208,7 @@ def _trial(
         steps=settings.trial_steps // 3,
         tune_steps=settings.trial_steps,
         samples=TRIAL_SAMPLES,
+        far_cells=TRIAL_CELLS,
         target_resolution=256,
     )
     silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731

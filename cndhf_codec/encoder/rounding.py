@@ -27,6 +27,7 @@ from .tune import tune
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
 FIRST_ROUND = 0.5  # share of the free weights that each round but the last fixes
 TOGETHER = 9000  # most weights of a network whose errors feed each other: their matrix must fit in memory
+GROWTH = 2.0  # room for what feedback and training add to the largest weight of a tensor
 GAUSSIAN_BITS = 2.05  # entropy of a rounded Gaussian of standard deviation 1: 0.5 log2(2 pi e)
 
 F64 = npt.NDArray[np.float64]
@@ -65,9 +66,9 @@ def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
         level = (low + high) / 2
         spent = (np.maximum(spread - logs - level + GAUSSIAN_BITS, 0.2) * sizes).sum() / theta.size
         low, high = (level, high) if spent > bits else (low, level)
-    # No finer than the symbols' range allows, with room for what feedback adds.
+    # No finer than the symbols' range allows.
     largest = np.maximum.reduceat(np.abs(theta), _starts(networks), axis=1)
-    finest = np.log2(np.maximum(largest, 1e-9) * 1.25 / MAX_SYMBOL)
+    finest = np.log2(np.maximum(largest, 1e-9) * GROWTH / MAX_SYMBOL)
     codes = np.floor(-np.maximum(logs + level, finest) * STEPS_PER_OCTAVE + 0.5)
     return np.clip(codes, 0, STEP_CODE_MASK).astype(np.int64)
 
@@ -154,7 +155,7 @@ def _round_in_order(theta: F64, H: F64, step: F64, order: npt.NDArray[np.int64],
     U = dtrtri(_inverse_factor(H[np.ix_(order, order)]))[0]
     w, d = theta[order].copy(), step[order]
     for i in range(count):
-        rounded = np.rint(w[i] / d[i]) * d[i]
+        rounded = min(max(np.rint(w[i] / d[i]), -MAX_SYMBOL), MAX_SYMBOL) * d[i]
         w[i + 1 :] -= (w[i] - rounded) / U[i, i] * U[i, i + 1 :]
         w[i] = rounded
     out = np.empty_like(theta)

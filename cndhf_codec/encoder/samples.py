@@ -19,8 +19,9 @@ from .heights import Frame
 from .solid import Solid
 
 AT_WALLS, WALL = 0.25, 0.01  # share of the uniform samples near the walls of the domain boxes, and how near
+AROUND, SHELL = 0.15, 0.05  # share of the uniform samples just outside the input's bounding box, and how far
 OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
-CELLS, CLEAR = 64, 0.02  # of FarSpace: cells a side, and their distance from the surface
+CLEAR = 0.02  # least distance of FarSpace from the surface
 NEAR_SPREADS = (0.01, 0.04)  # standard deviations of the off-surface points' distance from the surface
 
 
@@ -30,7 +31,7 @@ class Samples:
 
     surface: (N, 3) float32. seen: (N, K) whether DHF k sees the point. cosine: (N, K) float32 |normal . axis|.
     space: (M, 3) float32. excluded: (M, K) whether DHF k's exact heights leave the point out. distance: (M,) float32
-    to the surface. A point of space is inside when no DHF excludes it.
+    to the surface. A point of space is inside when no DHF excludes it. box: (2, 3) bounding box of the input.
     """
 
     surface: npt.NDArray[np.float32]
@@ -39,6 +40,7 @@ class Samples:
     space: npt.NDArray[np.float32]
     excluded: npt.NDArray[np.bool_]
     distance: npt.NDArray[np.float32]
+    box: npt.NDArray[np.float32]
 
 
 def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Samples:
@@ -53,7 +55,9 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     half = count // 2
     spread = np.asarray(NEAR_SPREADS)[np.arange(half) % len(NEAR_SPREADS)]
     near = points[rng.integers(len(points), size=half)] + rng.normal(size=(half, 3)) * spread[:, None]
-    space = np.concatenate([near, _at_walls(_in_boxes(frames, count - half, rng), frames, rng)])
+    box = np.stack([solid.vertices.min(axis=0), solid.vertices.max(axis=0)])
+    uniform = _at_walls(_in_boxes(frames, count - half, rng), frames, rng)
+    space = np.concatenate([near, _around(uniform, box, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
     return Samples(
         surface=points[keep].astype(np.float32),
@@ -62,6 +66,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
         space=space.astype(np.float32),
         excluded=excluded_points(solid, frames, space),
         distance=distances(solid, space).astype(np.float32),
+        box=box.astype(np.float32),
     )
 
 
@@ -84,11 +89,12 @@ def distances(solid: Solid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.f
 class FarSpace:
     """The cells of a grid over all domain boxes that keep clear of the solid: whatever is inside there is a floater."""
 
-    def __init__(self, solid: Solid, frames: list[Frame]) -> None:
+    def __init__(self, solid: Solid, frames: list[Frame], cells: int = 64) -> None:
+        """cells: of the grid, on a side."""
         self._solid, self._frames = solid, frames
         lo, hi = frames[0].bounds.T
-        self._cell = (hi - lo) / CELLS
-        grid = np.stack(np.meshgrid(*[np.arange(CELLS)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        self._cell = (hi - lo) / cells
+        grid = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
         corners = lo + grid * self._cell
         centres = (corners + self._cell / 2) @ frames[0].rotation
         reach = float(np.linalg.norm(self._cell)) / 2
@@ -165,4 +171,14 @@ def _at_walls(
         uvz = points[part] @ f.rotation.T
         uvz[:, axis] = f.bounds[axis, side] + (1 - 2 * side) * rng.random(len(part)) * WALL
         points[part] = uvz @ f.rotation
+    return points
+
+
+def _around(
+    points: npt.NDArray[np.float64], box: npt.NDArray[np.float64], rng: np.random.Generator
+) -> npt.NDArray[np.float64]:
+    """Move a share of the points to just outside a side of the bounding box: what juts out there changes its size."""
+    chosen = rng.choice(len(points), round(len(points) * AROUND), replace=False)
+    axis, side = rng.integers(3, size=len(chosen)), rng.integers(2, size=len(chosen))
+    points[chosen, axis] = box[side, axis] + (2 * side - 1) * rng.random(len(chosen)) * SHELL
     return points

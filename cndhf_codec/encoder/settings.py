@@ -40,6 +40,7 @@ class Settings:
 
     # Joint fit.
     samples: int  # points on the surface, and as many off it
+    far_cells: int  # a side of the grid that tells where floaters are looked for
     trial_steps: int  # of the joint fit that compares numbers of axes
     tune_steps: int
     tune_rate: float
@@ -72,7 +73,8 @@ _DEFAULT = Settings(
     margin=0.01,
     laplacian=0.0,
     samples=400_000,
-    trial_steps=300,
+    far_cells=64,
+    trial_steps=600,
     tune_steps=15_000,
     tune_rate=1e-3,
     quantisation_loss=0.01,

@@ -30,6 +30,7 @@ from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
 from cndhf_codec.encoder.tune import tune
 from cndhf_codec.errors import OptionError
+from cndhf_codec.format.constants import MAX_SYMBOL
 
 CPU = torch.device("cpu")
 SMALL = replace(settings.PRESETS["default"], batch=512, rounds=2, round_steps=30)
@@ -246,6 +247,19 @@ def test_error_feedback_beats_plain_rounding():
     assert cost(rounded) < 0.5 * cost(np.rint(theta / step) * step)
 
 
+def test_symbols_stay_in_range():
+    # A weight that feedback drives past the largest symbol stops there.
+    H = np.array([[1.0, 0.999], [0.999, 1.0]])
+    theta, step = np.array([MAX_SYMBOL + 0.4, MAX_SYMBOL + 0.4]) * 1e-3, np.full(2, 1e-3)
+    rounded = rounding._round_in_order(theta, H, step, np.array([0, 1]), 2)
+    assert np.abs(rounded / step).max() <= MAX_SYMBOL + 1e-6
+    nets = networks()
+    codes = rounding.step_codes(nets, np.full((2, 14), -30.0), 40.0)
+    for k in range(2):
+        for tensor, code in zip(nets.tensors(k), codes[k], strict=True):
+            assert float(tensor.abs().max()) * 2 ** (int(code) / 4) < MAX_SYMBOL / 1.6
+
+
 @pytest.mark.parametrize("together", [100, 10_000])
 def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, together):
     monkeypatch.setattr(rounding, "TOGETHER", together)
@@ -269,6 +283,11 @@ def test_axes_are_chosen_by_what_they_leave(solid):
     # The T's silhouette is along y; every other axis fills something in or sees more of it slantwise.
     assert abs(costs.axes[first][1]) > 0.5
     assert costs.mean_cost(costs.best(2)) < costs.mean_cost([first])
+    free, *others = costs.sets(2)
+    assert free == costs.best(2)
+    aligned = set(range(len(costs.axes) - 6, len(costs.axes)))
+    assert aligned & set(free) or aligned & set(others[0])
+    assert all(costs.mean_cost(free) <= costs.mean_cost(o) for o in others)
     assert costs.visible == pytest.approx(1, abs=0.01)
     assert sum(costs.shares(costs.best(3))) == pytest.approx(1)
 
