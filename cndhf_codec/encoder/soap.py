@@ -12,6 +12,7 @@ from .siren import Networks
 
 BETA = 0.95  # of both moments and of the preconditioner
 EPSILON = 1e-8
+SHIFT = 1e-6  # of the eigenvalues in an orthogonal iteration, relative to the largest entry
 REFRESH = 10  # steps between refreshes of the eigenbasis
 
 
@@ -59,7 +60,9 @@ class Soap:
                 basis = basis.gather(-1, order[..., None, :].expand_as(basis))
                 index = order[..., :, None] if side == 0 else order[..., None, :]
                 second.copy_(second.gather(-2 if side == 0 else -1, index.expand_as(second)))
-                bases[side] = torch.linalg.qr(gram @ basis)[0]
+                # The shift leaves the eigenvectors as they are, and keeps a matrix of (almost) zeros from giving NaN.
+                scale = gram.abs().amax(dim=(-2, -1), keepdim=True).clamp(min=1e-30)
+                bases[side] = torch.linalg.qr((gram / scale) @ basis + SHIFT * basis)[0]
         self._first = self._rotate(unrotated)
 
     def _rotate(self, flat: torch.Tensor) -> torch.Tensor:

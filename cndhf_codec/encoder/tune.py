@@ -54,6 +54,6 @@ def tune(
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)
         if step % REPORT_EVERY == 0 or step == steps:
-            if not math.isfinite(loss):
+            if not (math.isfinite(loss) and bool(torch.isfinite(networks.theta).all())):
                 raise EncodeError(f"the joint fit diverged at step {step}; try another --seed")
             on_step(step, loss)

@@ -29,7 +29,7 @@ from cndhf_codec.encoder.soap import matrices as matrices_in
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
 from cndhf_codec.encoder.tune import tune
-from cndhf_codec.errors import OptionError
+from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.constants import MAX_SYMBOL
 
 CPU = torch.device("cpu")
@@ -165,6 +165,26 @@ def test_samples_are_what_the_axes_can_say(solid, frames, samples):
     for f in frames:
         uvz = samples.space[10_000:] @ f.rotation.T
         assert (uvz >= f.bounds[:, 0] - 1e-2).mean() > 0.5
+
+
+def test_soap_bears_gradients_that_are_zero_or_nearly():
+    nets = networks(width=6)
+    start = nets.theta.clone()
+    optimiser = Soap(nets)
+    rng = torch.Generator().manual_seed(0)
+    for step in range(100):
+        gradient = torch.randn(start.shape, generator=rng) * (1e-18 if step % 3 else 1e-22)
+        gradient[:, 20:200] = 0
+        optimiser.step(gradient, 1e-3)
+    assert torch.isfinite(nets.theta).all()
+    assert torch.equal(nets.theta[:, 40:150], start[:, 40:150])
+
+
+def test_a_joint_fit_that_diverges_is_an_error(composite):
+    nets = networks()
+    nets.theta[1, 50] = float("nan")
+    with pytest.raises(EncodeError, match=r"diverged.*seed"):
+        tune(nets, composite, 64, 2, 1e-3, 0, lambda step, loss: None, Deadline())
 
 
 def test_far_space_is_empty_and_in_all_boxes(solid, frames, far):
