@@ -12,7 +12,8 @@ from .siren import Networks
 
 BETA = 0.95  # of both moments and of the preconditioner
 EPSILON = 1e-8
-SHIFT = 1e-6  # of the eigenvalues in an orthogonal iteration, relative to the largest entry
+SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest entry
+FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
 
 
@@ -35,7 +36,7 @@ class Soap:
             left.lerp_(g @ g.mT, 1 - BETA)
             right.lerp_(g.mT @ g, 1 - BETA)
         if not self._bases:
-            self._bases = [[torch.linalg.eigh(gram)[1].flip(-1) for gram in pair] for pair in self._grams]
+            self._bases = [[_eigenbasis(gram) for gram in pair] for pair in self._grams]
             return
         self._step += 1
         rotated = self._rotate(gradient)
@@ -60,9 +61,7 @@ class Soap:
                 basis = basis.gather(-1, order[..., None, :].expand_as(basis))
                 index = order[..., :, None] if side == 0 else order[..., None, :]
                 second.copy_(second.gather(-2 if side == 0 else -1, index.expand_as(second)))
-                # The shift leaves the eigenvectors as they are, and keeps a matrix of (almost) zeros from giving NaN.
-                scale = gram.abs().amax(dim=(-2, -1), keepdim=True).clamp(min=1e-30)
-                bases[side] = torch.linalg.qr((gram / scale) @ basis + SHIFT * basis)[0]
+                bases[side] = torch.linalg.qr(_scaled(gram) @ basis)[0]
         self._first = self._rotate(unrotated)
 
     def _rotate(self, flat: torch.Tensor) -> torch.Tensor:
@@ -91,3 +90,19 @@ def matrices(flat: torch.Tensor, networks: Networks) -> list[torch.Tensor]:
 
 def _zeros(view: torch.Tensor, side: int) -> torch.Tensor:
     return torch.zeros((*view.shape[:2], side, side), device=view.device)
+
+
+def _eigenbasis(grams: torch.Tensor) -> torch.Tensor:
+    """About the eigenvectors, by orthogonal iteration: LAPACK's solvers give NaN for some matrices of few numbers that
+    are not zero, as the first gradient's are."""
+    scaled = _scaled(grams)
+    basis = torch.eye(grams.shape[-1], device=grams.device).expand_as(grams)
+    for _ in range(FIRST_ITERATIONS):
+        basis = torch.linalg.qr(scaled @ basis)[0]
+    return basis
+
+
+def _scaled(grams: torch.Tensor) -> torch.Tensor:
+    """The same eigenvectors, for entries of about 1 and no eigenvalue of 0."""
+    largest = grams.abs().amax(dim=(-2, -1), keepdim=True).clamp(min=1e-30)
+    return grams / largest + SHIFT * torch.eye(grams.shape[-1], device=grams.device)

@@ -174,6 +174,7 @@ def test_soap_bears_gradients_that_are_zero_or_nearly():
     rng = torch.Generator().manual_seed(0)
     for step in range(100):
         gradient = torch.randn(start.shape, generator=rng) * (1e-18 if step % 3 else 1e-22)
+        gradient[torch.rand(start.shape, generator=rng) < 0.9] = 0  # most weights are held
         gradient[:, 20:200] = 0
         optimiser.step(gradient, 1e-3)
     assert torch.isfinite(nets.theta).all()
