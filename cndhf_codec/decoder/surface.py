@@ -118,8 +118,13 @@ def occupancy(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.bool
         for start in range(0, len(at), REFINED_AT_ONCE):
             part = at[start : start + REFINED_AT_ONCE]
             points = (grid.origin + grid.spacing * part).astype(np.float32)
-            out[tuple(part.T)] = np.minimum.reduce([dhf.implicit(points) for dhf in dhfs]) >= 0
+            out[tuple(part.T)] = _exact_field(dhfs, points) >= 0
     return out, grid.origin, grid.spacing
+
+
+def _exact_field(dhfs: Sequence[Dhf], points: F32) -> F32:
+    """f at points of the normalised frame, from the networks themselves."""
+    return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
 
 
 def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -149,7 +154,7 @@ def _on_surface(grid: Grid, dhfs: Sequence[Dhf], vertices: npt.NDArray[np.float6
 
         def f(t: F32, origin: F32 = origin, step: F32 = step) -> F32:
             points = origin + t[:, None] * step
-            return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
+            return _exact_field(dhfs, points)
 
         guess = (vertices[part] - start[part])[np.arange(len(origin)), axis[part]].astype(np.float32)
         a, b = np.zeros_like(guess), np.ones_like(guess)

@@ -233,8 +233,9 @@ def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) ->
 
 def _symbols(networks: Networks, codes: Codes) -> list[list[Symbols]]:
     """Every tensor of every network in whole steps."""
-    theta = networks.theta.detach().cpu().numpy().astype(np.float64)
-    whole = np.rint(theta * np.repeat(2.0 ** (codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)).astype(np.int32)
+    whole = np.rint(networks.weights() * np.repeat(2.0 ** (codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)).astype(
+        np.int32
+    )
     ends = np.cumsum(networks.sizes)[:-1]
     return [[p.reshape(s) for p, s in zip(np.split(row, ends), networks.shapes, strict=True)] for row in whole]
 

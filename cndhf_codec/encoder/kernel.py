@@ -83,6 +83,15 @@ def add_product(W: F32, x: F32, z: F32, n: int) -> None:
 
 
 @compiled
+def set_product_transposed(W: F32, d: F32, e: F32, n: int) -> None:
+    """e[:, :n] = W^T d[:, :n]: a gradient on its way back through a layer."""
+    for j in range(W.shape[1]):
+        for t in range(n):
+            e[j, t] = 0
+    add_product(np.ascontiguousarray(W.T), d, e, n)
+
+
+@compiled
 def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
     """G += d[:, :n] x[:, :n]^T, in blocks of 2 x 4."""
     zero = np.float32(0)
@@ -162,9 +171,8 @@ def backward(
         grad[at + j] += total
     at -= 2 * width
     add_outer(g, xs[layers - 1], grad[at : at + 2 * width].reshape(2, width), n)
-    back = np.ascontiguousarray(theta[at : at + 2 * width].reshape(2, width).T)
-    d, e = np.zeros((width, TILE), np.float32), np.empty((width, TILE), np.float32)
-    add_product(back, g, d, n)
+    d, e = np.empty((width, TILE), np.float32), np.empty((width, TILE), np.float32)
+    set_product_transposed(theta[at : at + 2 * width].reshape(2, width), g, d, n)
     for k in range(layers - 1, -1, -1):
         inputs = 2 if k == 0 else width
         at -= width
@@ -177,11 +185,7 @@ def backward(
         at -= width * inputs
         add_outer(d, x if k == 0 else xs[k - 1], grad[at : at + width * inputs].reshape(width, inputs), n)
         if k:
-            back = np.ascontiguousarray(theta[at : at + width * inputs].reshape(width, inputs).T)
-            for j in range(width):
-                for t in range(n):
-                    e[j, t] = 0
-            add_product(back, d, e, n)
+            set_product_transposed(theta[at : at + width * inputs].reshape(width, inputs), d, e, n)
             d, e = e, d
 
 
@@ -250,11 +254,7 @@ def jacobian(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, si
                     for i in range(inputs):
                         rows[t, at + j * inputs + i] = d[j, t] * before[i, t]
             if k:
-                back = np.ascontiguousarray(theta[at : at + width * inputs].reshape(width, inputs).T)
-                for j in range(width):
-                    for t in range(n):
-                        e[j, t] = 0
-                add_product(back, d, e, n)
+                set_product_transposed(theta[at : at + width * inputs].reshape(width, inputs), d, e, n)
                 d, e = e, d
     return out
 

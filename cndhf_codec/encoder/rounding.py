@@ -56,7 +56,7 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
 
 def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
     """Step code of every tensor, for about `bits` bits a weight; `logs` is what `relative_steps` gives."""
-    theta = _theta(networks)
+    theta = networks.weights()
     sizes = np.array(networks.sizes)
     squares = np.add.reduceat(theta**2, _starts(networks), axis=1) / sizes
     spread = np.log2(np.maximum(np.sqrt(squares), 1e-9))
@@ -94,7 +94,7 @@ def round_networks(
     held = np.zeros(steps.shape, dtype=bool)
     for r in range(settings.rounds):
         last = r == settings.rounds - 1
-        theta = _theta(networks)
+        theta = networks.weights()
         before = held.copy()
         for p, part in enumerate(_parts(networks)):
             of_free = matrices[p] if r == 0 else blocks(networks, composite, seed + r, team, ~before & part)
@@ -132,10 +132,6 @@ def _parts(networks: Networks) -> npt.NDArray[np.bool_]:
     count = math.ceil(sizes.sum() / TOGETHER)
     of_tensor = np.minimum((np.cumsum(sizes) - sizes / 2) * count // sizes.sum(), count - 1)
     return np.repeat(of_tensor, sizes) == np.arange(count)[:, None]
-
-
-def _theta(networks: Networks) -> F64:
-    return networks.theta.detach().cpu().numpy().astype(np.float64)
 
 
 def _starts(networks: Networks) -> npt.NDArray[np.int64]:

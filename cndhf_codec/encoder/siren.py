@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from ..format.container import tensor_shapes
@@ -39,6 +40,10 @@ class Networks:
         """Views of the tensors of network k, shaped as `format.container.tensor_shapes` says."""
         parts = torch.split(self.theta[k], self.sizes)
         return [p.view(s) for p, s in zip(parts, self.shapes, strict=True)]
+
+    def weights(self) -> npt.NDArray[np.float64]:
+        """(K, P) copy of theta in float64."""
+        return self.theta.detach().cpu().numpy().astype(np.float64)
 
     def copy(self) -> Networks:
         return replace(self, theta=self.theta.detach().clone())
