@@ -115,9 +115,10 @@ def test_the_printed_ratios_are_the_code_s(text: str) -> None:
 
 
 def test_a_coder_written_from_the_text_decodes() -> None:
-    tensors = [np.array(v, dtype=np.int32) for v in ([0, 3, -2, 500, -32767, 0], [40, -90, 1000])]
+    tensors = [np.array(v, dtype=np.int32) for v in ([0, 3, -2, 500, -32767, 0], [40, -90, 1000], [7, 7, 900])]
     body = rans.encode(tensors)
-    state, stream = int.from_bytes(body[2:6], "little"), list(body[6:])
+    state, stream = int.from_bytes(body[3:7], "little"), list(body[7:])
+    assert [byte >> 7 for byte in body[:3]] == [0, 0, 1]
 
     def decode(n: int, frequencies: list[int]) -> int:
         nonlocal state
@@ -133,7 +134,8 @@ def test_a_coder_written_from_the_text_decodes() -> None:
     def uniform(n: int) -> int:
         return decode(n, [1] * 2**n)
 
-    for code, tensor in zip(body[:2], tensors, strict=True):
+    for byte, tensor in zip(body[:3], tensors, strict=True):
+        code, rising = byte & 127, byte >> 7
         b = max(0, code // 4 - 5)
         p, q = rans.RATIOS[code if code < 24 else 24 + code % 4]
         v = 2**24
@@ -147,7 +149,10 @@ def test_a_coder_written_from_the_text_decodes() -> None:
         for _ in tensor:
             bucket = decode(14, f)
             magnitude = uniform(8) * 256 + uniform(8) if bucket == 63 else bucket * 2**b + (uniform(b) if b else 0)
-            got.append(-magnitude if magnitude and uniform(1) else magnitude)
+            if rising:
+                got.append(magnitude + (got[-1] if got else 0))
+            else:
+                got.append(-magnitude if magnitude and uniform(1) else magnitude)
         assert got == tensor.tolist()
     assert state == 2**23
     assert not stream

@@ -33,8 +33,7 @@ class AxisCosts:
         points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
         self.axes = _candidates(solid)
         rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
-        self.costs = np.stack([cost for cost, _ in rows])
-        self._seen = np.stack([seen for _, seen in rows])
+        self.costs, self._fills, self._seen = (np.stack(part) for part in zip(*rows, strict=True))
         self.visible = float(self._seen.any(axis=0).mean())
 
     def sets(self, count: int) -> list[list[int]]:
@@ -64,6 +63,11 @@ class AxisCosts:
     def mean_cost(self, chosen: list[int]) -> float:
         return float(self.costs[chosen].min(axis=0).mean())
 
+    def floor(self, chosen: list[int]) -> float:
+        """About the Chamfer distance that the exact height fields leave: one of its directions sees what they fill."""
+        owner = self.costs[chosen].argmin(axis=0)
+        return float(self._fills[chosen][owner, np.arange(len(owner))].mean()) / 2
+
     def covered(self, chosen: list[int]) -> float:
         """Share of the surface that at least one of the axes sees."""
         return float(self._seen[chosen].any(axis=0).mean())
@@ -89,10 +93,11 @@ def _candidates(solid: Solid) -> F64:
     return np.concatenate([sphere[: DIRECTIONS // 2], np.eye(3), np.linalg.eigh(covariance)[1].T])
 
 
-def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
+def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, F64, npt.NDArray[np.bool_]]:
+    """(N,) cost of the axis at each point, the part of it that is filled, and whether the axis sees the point."""
     seen = visible_points(solid, points, normals, axis)
     cosine = np.maximum(np.abs(normals @ axis), LEAST_COSINE)
-    cost = SLANT * (1 / cosine - 1)
+    slant = SLANT * (1 / cosine - 1)
     hidden = np.flatnonzero(~seen)
     # What is hidden from the axis is filled up to the nearer of the two surfaces along it.
     p = points[hidden]
@@ -105,5 +110,6 @@ def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, npt.
             t = ((corner - p) * n).sum(axis=1) / (n @ direction)
         np.minimum(fill, np.where((face >= 0) & np.isfinite(t) & (t >= 0), t, np.inf), out=fill)
     # Along the normal, the way to the surface is no longer than along the axis.
-    cost[hidden] = np.where(np.isfinite(fill), fill * np.maximum(cosine[hidden], 0.3), 0)
-    return cost, seen
+    filled = np.zeros(len(points))
+    filled[hidden] = np.where(np.isfinite(fill), fill * np.maximum(cosine[hidden], 0.3), 0)
+    return np.where(seen, slant, filled), filled, seen

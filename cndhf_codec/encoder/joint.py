@@ -15,6 +15,7 @@ from ..format import Container, DhfRecord, rans
 from ..format.constants import MAX_WIDTH, STEPS_PER_OCTAVE
 from ..format.container import Symbols, parameter_count
 from .axisset import AxisCosts
+from .canonical import fold_biases, sort_neurons
 from .composite import Composite
 from .deadline import Deadline
 from .fit import fit_all, one_torch_thread
@@ -40,7 +41,7 @@ TRIAL_SAMPLES, TRIAL_CELLS, TRIAL_RESOLUTION, TRIAL_POINTS = 100_000, 24, 96, 20
 # Of a time limit: trial fits; of what is left then the fit, and of that the fit of every DHF alone; of what is left
 # then the first attempt at rounding.
 PLAN_SHARE, FIT_SHARE, ALONE_SHARE, FIRST_SHARE = 0.15, 0.65, 0.15, 0.7
-MORE_AXES = 0.97  # another axis must win by this factor
+SHRINK = 0.36  # what the whole fit leaves of a trial's error, less that of the exact height fields
 
 
 def encode_joint(
@@ -69,10 +70,14 @@ def encode_joint(
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Axes (as frames) and width of the networks; the shares are of the input's surface."""
+    """Axes (as frames) and width of the networks; the shares are of the input's surface.
+
+    floor: about the Chamfer distance of the exact height fields (normalised units).
+    """
 
     frames: list[Frame]
     width: int
+    floor: float
     covered: float
     visible: float
 
@@ -98,19 +103,24 @@ def make_plan(
             break
         for chosen in costs.sets(count):
             frames = [frame_for_axis(costs.axes[i], solid.vertices) for i in chosen]
-            options.append(Plan(frames, width, costs.covered(chosen), costs.visible))
+            options.append(Plan(frames, width, costs.floor(chosen), costs.covered(chosen), costs.visible))
     if not options:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
         return options[-1]
     report = stage("plan", len(options))
-    best, least = options[0], math.inf
+    errors: list[float] = []
+    # Most axes first: their errors then often spare a trial with fewer, whose exact height fields leave more than that.
+    options.reverse()
     for k, plan in enumerate(options):
-        error = _trial(solid, plan, settings, seed, device, team, deadline.part(1 / (len(options) - k)))
-        report(k + 1, error)
-        if error < least * MORE_AXES:
-            best, least = plan, error
-    return best
+        error = math.inf
+        if plan.floor < min(errors, default=math.inf):
+            part = deadline.part(1 / (len(options) - k))
+            trial = _trial(solid, plan, settings, seed, device, team, part)
+            error = plan.floor + SHRINK * (trial - plan.floor)
+        errors.append(error)
+        report(k + 1, min(errors))
+    return options[min(range(len(options)), key=lambda k: errors[k])]
 
 
 def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
@@ -164,6 +174,7 @@ def round_to_size(
     fixed = FILE_BYTES + metadata_bytes + 40 * len(networks)
     room = None if settings.target_size is None else settings.target_size - fixed
     aim = 0.0 if room is None else room * AIM
+    networks = fold_biases(networks)
     best: list[DhfRecord] | None = None
     fewest: float = math.inf
     matrices = sensitivities(networks, composite, seed, team)
@@ -232,12 +243,14 @@ def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) ->
 
 
 def _symbols(networks: Networks, codes: Codes) -> list[list[Symbols]]:
-    """Every tensor of every network in whole steps."""
+    """Every tensor of every network in whole steps, neurons in canonical order."""
     whole = np.rint(networks.weights() * np.repeat(2.0 ** (codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)).astype(
         np.int32
     )
     ends = np.cumsum(networks.sizes)[:-1]
-    return [[p.reshape(s) for p, s in zip(np.split(row, ends), networks.shapes, strict=True)] for row in whole]
+    return [
+        sort_neurons([p.reshape(s) for p, s in zip(np.split(row, ends), networks.shapes, strict=True)]) for row in whole
+    ]
 
 
 def _finest(networks: Networks) -> Codes:

@@ -1,7 +1,8 @@
 """Codec 2 of the weights section: range asymmetric numeral systems (Duda, 2013) with a rounded Gaussian a tensor.
 
 Integers only, so that every machine decodes the same symbols. A symbol is coded as the bucket of its magnitude, in the
-tensor's frequency table; the bits below the bucket, equally likely; and its sign, if it is not zero.
+tensor's frequency table; the bits below the bucket, equally likely; and its sign, if it is not zero. A tensor whose
+symbols rise from 0 or above is coded as its differences, without signs.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from .constants import MAX_SYMBOL
 SCALE_CODES = 60  # scale code c: standard deviation 2^(c / 4 - 2)
 BUCKETS = 64  # the last one is the escape: 16 bits of magnitude follow
 ESCAPE = BUCKETS - 1
+RISING = 0x80  # set on the scale code of a tensor that is coded as differences
 TOTAL_BITS = 14  # frequencies of a table add up to 2^14
 LOW = 2**23  # the state lies in [LOW, 256 LOW) between symbols
 MAX_SYMBOLS_A_BYTE = 8  # a section that claims more symbols than this for each of its bytes is refused
@@ -94,23 +96,31 @@ def _lookup(scale_code: int) -> bytes:
     return bytes(np.repeat(np.arange(BUCKETS, dtype=np.uint8), frequencies(scale_code)))
 
 
-def best_scale_code(symbols: Symbols) -> int:
-    """The scale code that codes a tensor in the fewest bits."""
-    magnitude = np.abs(symbols.astype(np.int64)).ravel()
-    return int(np.argmin([_bits(magnitude, code) for code in range(SCALE_CODES)]))
-
-
 def encoded_size(tensors: list[Symbols]) -> float:
     """Bytes of the section, to within two or so, without coding it."""
-    bits = [min(_bits(np.abs(t.astype(np.int64)).ravel(), c) for c in range(SCALE_CODES)) for t in tensors]
-    return len(tensors) + 4 + sum(bits) / 8
+    return len(tensors) + 4 + sum(_cheapest(*_values(t))[0] for t in tensors) / 8
+
+
+def _values(tensor: Symbols) -> tuple[npt.NDArray[np.int64], bool]:
+    """The flat values that are coded for a tensor, and whether they are its differences."""
+    flat = tensor.astype(np.int64).ravel()
+    differences = np.diff(flat, prepend=0)
+    rising = bool((differences >= 0).all())
+    return (differences if rising else flat), rising
+
+
+def _cheapest(values: npt.NDArray[np.int64], rising: bool) -> tuple[float, int]:
+    """Bits of a tensor at the scale code that takes the fewest, and that code."""
+    magnitude = np.abs(values)
+    signs = 0 if rising else np.count_nonzero(magnitude)
+    return min((_bits(magnitude, code) + signs, code) for code in range(SCALE_CODES))
 
 
 def _bits(magnitude: npt.NDArray[np.int64], code: int) -> float:
     low = low_bits(code)
     bucket = np.minimum(magnitude >> low, ESCAPE)
     cost = TOTAL_BITS - np.log2(np.array(frequencies(code), dtype=np.float64))
-    return float(cost[bucket].sum() + np.where(bucket == ESCAPE, 16, low).sum() + np.count_nonzero(magnitude))
+    return float(cost[bucket].sum() + np.where(bucket == ESCAPE, 16, low).sum())
 
 
 def encode(tensors: list[Symbols]) -> bytes:
@@ -118,14 +128,17 @@ def encode(tensors: list[Symbols]) -> bytes:
 
     Raises OptionError for a symbol beyond `MAX_SYMBOL`.
     """
-    codes = [best_scale_code(t) for t in tensors]
+    codes = bytearray()
     steps: list[tuple[int, int, int]] = []  # start, frequency, bits of the total
-    for tensor, code in zip(tensors, codes, strict=True):
+    for tensor in tensors:
+        if np.abs(tensor).max() > MAX_SYMBOL:
+            raise OptionError(f"a symbol is larger than {MAX_SYMBOL}; use a coarser step")
+        values, rising = _values(tensor)
+        code = _cheapest(values, rising)[1]
+        codes.append(code | (RISING if rising else 0))
         low, table, starts = low_bits(code), frequencies(code), _starts(code)
-        for s in tensor.ravel().tolist():
+        for s in values.tolist():
             magnitude = abs(s)
-            if magnitude > MAX_SYMBOL:
-                raise OptionError(f"a symbol is larger than {MAX_SYMBOL}; use a coarser step")
             bucket = min(magnitude >> low, ESCAPE)
             steps.append((starts[bucket], table[bucket], TOTAL_BITS))
             if bucket == ESCAPE:
@@ -133,7 +146,7 @@ def encode(tensors: list[Symbols]) -> bytes:
                 steps.append((magnitude & 0xFF, 1, 8))
             elif low:
                 steps.append((magnitude & ((1 << low) - 1), 1, low))
-            if magnitude:
+            if magnitude and not rising:
                 steps.append((int(s < 0), 1, 1))
     state, out = LOW, bytearray()
     for start, frequency, bits in reversed(steps):
@@ -151,7 +164,7 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
         raise LimitError(f"the weights section has {len(body)} bytes for {sum(sizes)} symbols: more than 8 a byte")
     if len(body) < len(sizes) + 4:
         raise PayloadError("the weights section ends inside its scale codes")
-    codes = body[: len(sizes)]
+    codes = [c & ~RISING for c in body[: len(sizes)]]
     if max(codes) >= SCALE_CODES:
         raise PayloadError(f"a scale code of the weights section is {max(codes)}; 0 to {SCALE_CODES - 1} are allowed")
     at = len(sizes) + 4
@@ -173,7 +186,8 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
         return value
 
     tensors = []
-    for size, code in zip(sizes, codes, strict=True):
+    for size, code, byte in zip(sizes, codes, body, strict=False):
+        rising = byte & RISING
         low, table, starts, lookup = low_bits(code), frequencies(code), _starts(code), _lookup(code)
         values = []
         for _ in range(size):
@@ -189,10 +203,11 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
                 magnitude |= uniform(8)
             else:
                 magnitude = bucket << low | uniform(low) if low else bucket
-            values.append(-magnitude if magnitude and uniform(1) else magnitude)
-        if max(map(abs, values)) > MAX_SYMBOL:
+            values.append(-magnitude if magnitude and not rising and uniform(1) else magnitude)
+        flat = np.cumsum(values, dtype=np.int64) if rising else np.array(values, dtype=np.int64)
+        if np.abs(flat).max() > MAX_SYMBOL:
             raise PayloadError(f"a weight symbol is beyond {MAX_SYMBOL}")
-        tensors.append(np.array(values, dtype=np.int32))
+        tensors.append(flat.astype(np.int32))
     if state != LOW or at != end:
         raise PayloadError("the weights section goes on after its last symbol, or is damaged")
     return tensors

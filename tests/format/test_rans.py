@@ -57,6 +57,25 @@ def test_frozen_bytes():
     assert [t.tolist() for t in rans.decode(bytes.fromhex(FROZEN), [5, 2])] == [[0, 1, -1, 2, -300], [32767, -32767]]
 
 
+def test_rising_tensors_are_coded_as_their_differences():
+    rng = np.random.default_rng(0)
+    values = rng.integers(0, 100, 20).astype(np.int32)
+    rising = np.sort(values)
+    assert rans.encode([rising])[0] & rans.RISING
+    assert not rans.encode([values])[0] & rans.RISING
+    assert rans.decode(rans.encode([rising]), [20])[0].tolist() == rising.tolist()
+    # Order and sign are worth log2(20!) + 20 bits = 10 bytes to Gaussian numbers.
+    assert len(rans.encode([rising])) <= len(rans.encode([values])) - 9
+
+
+def test_a_rising_tensor_that_rises_too_far_is_refused(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(rans, "MAX_SYMBOL", 40_000)
+        body = rans.encode([tensor(20_000, 40_000)])
+    with pytest.raises(PayloadError, match="beyond 32767"):
+        rans.decode(body, [2])
+
+
 def test_every_truncation_and_extension_is_refused():
     body = rans.encode([np.arange(-20, 20, dtype=np.int32)])
     for length in range(len(body)):
