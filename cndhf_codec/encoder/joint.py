@@ -44,6 +44,19 @@ PLAN_SHARE, FIT_SHARE, ALONE_SHARE, FIRST_SHARE = 0.15, 0.65, 0.15, 0.7
 SHRINK = 0.36  # what the whole fit leaves of a trial's error, less that of the exact height fields
 
 
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What all stages need to know. metadata_bytes: size of the metadata section with its row in the table."""
+
+    solid: Solid
+    settings: Settings
+    metadata_bytes: int
+    seed: int
+    device: torch.device
+    team: Team
+    stage: Stage
+
+
 def encode_joint(
     solid: Solid,
     settings: Settings,
@@ -54,17 +67,14 @@ def encode_joint(
     stage: Stage,
     deadline: Deadline,
 ) -> tuple[list[DhfRecord], float, float, float]:
-    """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes.
-
-    metadata_bytes: size of the metadata section with its row in the table.
-    """
+    """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes."""
     with one_torch_thread(), Team(threads) as team:
-        plan = make_plan(solid, settings, metadata_bytes, seed, device, team, stage, deadline.part(PLAN_SHARE))
+        job = Job(solid, settings, metadata_bytes, seed, device, team, stage)
+        plan = make_plan(job, deadline.part(PLAN_SHARE))
         if plan.visible == 0:
             return [], 0.0, 0.0, 0.0
-        fit_deadline = deadline.part(FIT_SHARE)
-        networks, composite, unknown = fit_plan(solid, plan, settings, seed, device, team, stage, fit_deadline)
-        records = round_to_size(networks, composite, plan, settings, metadata_bytes, seed, team, stage, deadline)
+        networks, composite, unknown = fit_plan(job, plan, deadline.part(FIT_SHARE))
+        records = round_to_size(job, plan, networks, composite, deadline)
     return records, plan.covered, plan.visible, unknown
 
 
@@ -82,41 +92,32 @@ class Plan:
     visible: float
 
 
-def make_plan(
-    solid: Solid,
-    settings: Settings,
-    metadata_bytes: int,
-    seed: int,
-    device: torch.device,
-    team: Team,
-    stage: Stage,
-    deadline: Deadline,
-) -> Plan:
+def make_plan(job: Job, deadline: Deadline) -> Plan:
     """Choose the axes by short trial fits at the size asked for; the width follows from their number."""
-    stage("axes", 1)
-    costs = AxisCosts(solid, seed, team)
+    settings = job.settings
+    job.stage("axes", 1)
+    costs = AxisCosts(job.solid, job.seed, job.team)
     most = 1 if costs.visible == 0 else settings.max_axes or 1
     options: list[Plan] = []
     for count in range(1, most + 1):
-        width = settings.width or width_for(settings, count, metadata_bytes)
+        width = settings.width or width_for(settings, count, job.metadata_bytes)
         if width < LEAST_WIDTH:
             break
         for chosen in costs.sets(count):
-            frames = [frame_for_axis(costs.axes[i], solid.vertices) for i in chosen]
+            frames = [frame_for_axis(costs.axes[i], job.solid.vertices) for i in chosen]
             options.append(Plan(frames, width, costs.floor(chosen), costs.covered(chosen), costs.visible))
     if not options:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
         return options[-1]
-    report = stage("plan", len(options))
+    report = job.stage("plan", len(options))
     errors: list[float] = []
     # Most axes first: their errors then often spare a trial with fewer, whose exact height fields leave more than that.
     options.reverse()
     for k, plan in enumerate(options):
         error = math.inf
         if plan.floor < min(errors, default=math.inf):
-            part = deadline.part(1 / (len(options) - k))
-            trial = _trial(solid, plan, settings, seed, device, team, part)
+            trial = _trial(job, plan, deadline.part(1 / (len(options) - k)))
             error = plan.floor + SHRINK * (trial - plan.floor)
         errors.append(error)
         report(k + 1, min(errors))
@@ -134,44 +135,32 @@ def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
     return width
 
 
-def fit_plan(
-    solid: Solid,
-    plan: Plan,
-    settings: Settings,
-    seed: int,
-    device: torch.device,
-    team: Team,
-    stage: Stage,
-    deadline: Deadline,
-) -> tuple[Networks, Composite, float]:
+def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Composite, float]:
     """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes."""
+    solid, team = job.solid, job.team
+    settings = replace(job.settings, width=plan.width)
     targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
-    report = stage("fit", settings.steps * len(targets))
-    settings = replace(settings, width=plan.width)
-    alone = deadline.part(ALONE_SHARE)
-    fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: report(done, loss), alone)
+    report_all = job.stage("fit", settings.steps * len(targets))
+
+    def on_steps(done: int, total: int, loss: float) -> None:
+        report_all(done, loss)
+
+    fitted = fit_all(targets, settings, job.seed, job.device, team, on_steps, deadline.part(ALONE_SHARE))
     networks = stacked(fitted)
-    networks = replace(networks, theta=networks.theta.to(device))
-    samples = draw_samples(solid, plan.frames, settings.samples, seed)
-    composite = Composite(samples, FarSpace(solid, plan.frames, settings.far_cells), plan.frames, device, team)
-    report = stage("tune", settings.tune_steps)
-    tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, seed, report, deadline)
+    networks = replace(networks, theta=networks.theta.to(job.device))
+    samples = draw_samples(solid, plan.frames, settings.samples, job.seed)
+    composite = Composite(samples, FarSpace(solid, plan.frames, settings.far_cells), plan.frames, job.device, team)
+    report = job.stage("tune", settings.tune_steps)
+    tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, job.seed, report, deadline)
     return networks, composite, max(t.unknown for t in targets)
 
 
 def round_to_size(
-    networks: Networks,
-    composite: Composite,
-    plan: Plan,
-    settings: Settings,
-    metadata_bytes: int,
-    seed: int,
-    team: Team,
-    stage: Stage,
-    deadline: Deadline,
+    job: Job, plan: Plan, networks: Networks, composite: Composite, deadline: Deadline
 ) -> list[DhfRecord]:
     """Round the networks, so that the file has the size asked for. Raises EncodeError when it cannot be met."""
-    fixed = FILE_BYTES + metadata_bytes + 40 * len(networks)
+    settings, seed, team = job.settings, job.seed, job.team
+    fixed = FILE_BYTES + job.metadata_bytes + 40 * len(networks)
     room = None if settings.target_size is None else settings.target_size - fixed
     aim = 0.0 if room is None else room * AIM
     networks = fold_biases(networks)
@@ -182,7 +171,7 @@ def round_to_size(
     for attempt in range(ATTEMPTS):
         bits = settings.bits if room is None else _bits_for(networks, logs, aim)
         codes = step_codes(networks, logs, bits)
-        report = stage("round", max(settings.rounds - 1, 1) * settings.round_steps)
+        report = job.stage("round", max(settings.rounds - 1, 1) * settings.round_steps)
         rounded = networks.copy()
         time_left = deadline.part(1 if attempt else FIRST_SHARE)
         round_networks(rounded, composite, settings, codes, matrices, seed + attempt, team, report, time_left)
@@ -204,32 +193,26 @@ def round_to_size(
     return best
 
 
-def _trial(
-    solid: Solid,
-    plan: Plan,
-    settings: Settings,
-    seed: int,
-    device: torch.device,
-    team: Team,
-    deadline: Deadline,
-) -> float:
+def _trial(job: Job, plan: Plan, deadline: Deadline) -> float:
     """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing."""
+    steps = job.settings.trial_steps
     short = replace(
-        settings,
-        steps=settings.trial_steps // 3,
-        tune_steps=settings.trial_steps,
+        job.settings,
+        steps=steps // 3,
+        tune_steps=steps,
         samples=TRIAL_SAMPLES,
         far_cells=TRIAL_CELLS,
         target_resolution=256,
     )
     silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731
-    networks, _, _ = fit_plan(solid, plan, short, seed, device, team, silent, deadline)
+    networks, _, _ = fit_plan(replace(job, settings=short, stage=silent), plan, deadline)
     records = _records(networks, _finest(networks), plan.frames)
     try:
         surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).to_mesh(TRIAL_RESOLUTION)
     except CndhfError:
         return math.inf
-    return surface_distances(solid.vertices, solid.faces, surface.vertices, surface.faces, seed, TRIAL_POINTS).chamfer
+    truth = job.solid.vertices, job.solid.faces
+    return surface_distances(*truth, surface.vertices, surface.faces, job.seed, TRIAL_POINTS).chamfer
 
 
 def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) -> float:

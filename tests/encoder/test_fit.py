@@ -99,11 +99,12 @@ def test_progress_counts_the_steps_of_all_fits(targets):
 
 
 def test_a_deadline_ends_the_fit(targets):
-    fit(targets[:1], replace(SMALL, steps=1))  # compiles
+    (first,) = fit(targets[:1], replace(SMALL, steps=1))  # compiles, too
     start = time.monotonic()
     (tensors,) = fit(targets[:1], replace(SMALL, steps=10**7), deadline=Deadline(5.0))
     assert time.monotonic() - start < 20
-    assert outcome(tensors, targets[0])[0] < 0.2
+    # How far it comes in that time is the machine's affair.
+    assert outcome(tensors, targets[0])[0] < outcome(first, targets[0])[0] / 2
 
 
 def test_an_interrupt_stops_the_other_fits(targets):
