@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ..errors import OptionError
 from ..format.constants import MAX_DHFS, MAX_FILE_SIZE, MAX_WIDTH
 
 LEAST_SIZE = 400  # bytes; below this the header is most of the file
+REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps are taken as they are
+MOST_STEPS = 3.0  # times as many are taken at smaller sizes
 
 
 @dataclass(frozen=True)
@@ -42,18 +45,25 @@ class Settings:
     samples: int  # points on the surface, and as many off it
     far_cells: int  # a side of the grid that tells where floaters are looked for
     trial_steps: int  # of the joint fit that compares numbers of axes
-    tune_steps: int
+    tune_steps: int  # at 8 KiB and above; see `for_small_networks`
     tune_rate: float
 
     # Rounding. Paper: the fit's loss may grow by `quantisation_loss`. Ours: `bits` a weight when no size is asked for.
     quantisation_loss: float
     bits: float
     rounds: int
-    round_steps: int  # of the joint fit between rounds
+    round_steps: int  # of the joint fit between rounds; as tune_steps
     round_rate: float
 
     # Verification: marching-cubes resolution at which the written file is measured.
     verify_resolution: int
+
+    def for_small_networks(self) -> Settings:
+        """With more joint steps at smaller sizes: they take less time each, and small networks profit from them."""
+        if self.target_size is None:
+            return self
+        factor = min(max(math.sqrt(REFERENCE_SIZE / self.target_size), 1.0), MOST_STEPS)
+        return replace(self, tune_steps=round(self.tune_steps * factor), round_steps=round(self.round_steps * factor))
 
 
 _DEFAULT = Settings(
@@ -106,9 +116,9 @@ PRESETS: dict[str, Settings] = {
         target_size=4096,
         steps=150,
         trial_steps=0,
-        tune_steps=3000,
+        tune_steps=2200,
         samples=200_000,
-        round_steps=400,
+        round_steps=300,
     ),
     "default": _DEFAULT,
     "best": replace(_DEFAULT, steps=1000, trial_steps=1000, tune_steps=100_000, batch=8192, rounds=5, round_steps=5000),
