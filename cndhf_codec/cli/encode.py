@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from ..decoder.model import Model
     from ..encoder.pipeline import Report
 
-# A larger share of unseen surface than this is worth a warning: it will be filled.
-UNSEEN = 0.02
-# Fewer rays than this that see a face from behind are rounding at silhouettes, not a hole.
-OPEN = 0.001
-
 
 @click.command(context_settings={"show_default": True})
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
@@ -43,7 +38,15 @@ OPEN = 0.001
     "Makes the smallest file found that keeps to it, by several encodes.",
 )
 @click.option(
-    "--unit", type=click.Choice(["mm", "cm", "m", "in"]), help="What the input's unit is, for --target-error."
+    "--unit",
+    type=click.Choice(["mm", "cm", "m", "in"]),
+    help="What the input's unit is, for --target-error and --thicken.",
+)
+@click.option(
+    "--thicken",
+    metavar="THICKNESS",
+    help="Give open sheets, which have no inside, a wall: 1% of the bounding box's diagonal, a number in input units, "
+    "or 2mm with --unit.",
 )
 @click.option(
     "--time-limit",
@@ -67,6 +70,7 @@ def command(
     target_size: str | None,
     target_error: str | None,
     unit: str | None,
+    thicken: str | None,
     time_limit: float | None,
     seed: int,
     device: str,
@@ -93,6 +97,7 @@ def command(
             target_size=None if target_size is None else parse_size(target_size),
             target_error=target_error,
             unit=unit,
+            thicken=thicken,
             time_limit=time_limit,
             seed=seed,
             device=device,
@@ -103,7 +108,7 @@ def command(
     finally:
         bar.close()
     model.save(target, overwrite=overwrite)
-    for line in _warnings(report):
+    for line in report.warnings:
         click.echo(f"cndhf-encode: warning: {line}", err=True)
     if not quiet:
         click.echo(_summary(target, model, report))
@@ -126,22 +131,3 @@ def _summary(target: Path, model: Model, report: Report) -> str:
             f"(by any axis: {100 * report.visible:.1f} %)",
         ]
     )
-
-
-def _warnings(report: Report) -> list[str]:
-    out = []
-    if 1 - report.visible > UNSEEN:
-        out.append(
-            f"{100 * (1 - report.visible):.1f} % of the surface is hidden from every axis (cavities, inner parts) "
-            "and comes back filled"
-        )
-    if report.flipped > 0:
-        out.append(f"{100 * report.flipped:.1f} % of the surface faced inward and was turned round")
-    if report.unknown > OPEN:
-        out.append(
-            f"the surface is open: {100 * report.unknown:.1f} % of the rays of one axis came in through a hole, "
-            "which comes back closed"
-        )
-    if report.dropped_faces:
-        out.append(f"{report.dropped_faces} faces of zero area were left out")
-    return out
