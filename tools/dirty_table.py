@@ -1,7 +1,7 @@
-"""What becomes of dirty meshes: `python tools/dirty_table.py results/0.1/dirty MESH ...` writes dirty.tsv and dirty.png.
+"""What becomes of dirty meshes: `python tools/dirty_table.py results/0.1/dirty MESH ...` writes dirty.tsv, dirty.png.
 
-Every mesh is encoded at preset `fast`; what is refused is encoded again with a wall. CD is the Chamfer distance from the
-input as given, in its normalised frame, times 1000; the pictures show the input beside what comes back.
+Every mesh is encoded at preset `fast`; what is refused is encoded again with a wall. CD is the Chamfer distance from
+the input as given, in its normalised frame, times 1000; the pictures show the input beside what comes back.
 """
 
 from __future__ import annotations
@@ -53,6 +53,21 @@ def row(path: Path, thicken: str | None) -> Row:
     return "\t".join([path.name, option, "encoded", *figures, "; ".join(report.warnings)]), pictures(vertices, faces)
 
 
+def draw(rows: list[tuple[str, list[np.ndarray], list[np.ndarray]]], target: Path) -> None:
+    columns = 2 * len(VIEWS)
+    figure, axes = plt.subplots(len(rows), columns, figsize=(columns * 2.6, len(rows) * 2.7), squeeze=False)
+    for axis_row, (name, given, back) in zip(axes, rows, strict=True):
+        for axis, shown in zip(axis_row, given + back, strict=False):
+            axis.imshow(shown)
+        for axis in axis_row:
+            axis.axis("off")
+        axis_row[0].set_title(name, fontsize=9, loc="left")
+        axis_row[len(VIEWS)].set_title("comes back" if back else "refused", fontsize=9, loc="left")
+    figure.tight_layout(pad=0.3)
+    figure.savefig(target, dpi=100)
+    plt.close(figure)
+
+
 @click.command()
 @click.argument("target", type=click.Path(path_type=Path))
 @click.argument("sources", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
@@ -66,22 +81,10 @@ def main(target: Path, sources: tuple[Path, ...]) -> None:
             print(line, flush=True)
             lines.append(line)
             target.with_suffix(".tsv").write_text("\n".join(lines) + "\n")
-            outcome = line.split("\t")[2]
-            rows.append((f"{path.stem} {f'--thicken {thicken}' if thicken else ''}", given, back, outcome))
-            if outcome == "encoded":
+            rows.append((f"{path.stem} {f'--thicken {thicken}' if thicken else ''}", given, back))
+            if back:
                 break
-    columns = 2 * len(VIEWS)
-    figure, axes = plt.subplots(len(rows), columns, figsize=(columns * 2.6, len(rows) * 2.7), squeeze=False)
-    for axis_row, (name, given, back, outcome) in zip(axes, rows, strict=True):
-        for k, axis in enumerate(axis_row):
-            axis.axis("off")
-            shown = given + back
-            if k < len(shown):
-                axis.imshow(shown[k])
-        axis_row[0].set_title(name, fontsize=9, loc="left")
-        axis_row[len(VIEWS)].set_title("comes back" if outcome == "encoded" else "refused", fontsize=9, loc="left")
-    figure.tight_layout(pad=0.3)
-    figure.savefig(target.with_suffix(".png"), dpi=100)
+        draw(rows, target.with_suffix(".png"))
 
 
 if __name__ == "__main__":

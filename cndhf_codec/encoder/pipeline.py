@@ -159,7 +159,8 @@ def encode_with_report(
     clock("read", 1)
     prepared = prepare(source, wall)
     mesh, norm, solid = prepared.mesh, prepared.norm, solid_or_error(prepared)
-    report.faces, report.dropped_faces, report.flipped = len(mesh.faces), mesh.dropped, solid.flipped
+    given = prepared.given
+    report.faces, report.dropped_faces, report.flipped = len(given.faces), given.dropped, prepared.flipped
     report.assumptions, report.diagonal = prepared.assumptions, prepared.diagonal
 
     def attempt(settings: Settings, deadline: Deadline) -> tuple[Model, Report]:

@@ -18,17 +18,19 @@ from .thicken import check_thickness, thickened
 MOST_OPEN = 0.25  # of the rays from outside may meet sheets: then the rest is worth having without them
 # A mesh of more faces is simplified for the fit: the trees over them would take minutes and gigabytes again and again.
 MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000
-ROUNDING = 0.001  # share of rays that see a face from behind by rounding at silhouettes
+ROUNDING = 0.001  # a smaller share is not worth a line: of rays, a face seen from behind at a silhouette
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """mesh: in input coordinates, what the error is measured against: the input, with its walls if it was thickened.
-    solid: what is encoded, of a simplified mesh where the input is very large. diagonal: of the input's bounding box,
-    input units. assumptions: a line for each thing taken for granted. refusal: why there is no solid to encode, with
-    the remedy, or None.
+    """given: the input, and flipped, the share of its surface whose orientation was reversed. mesh: what the error is
+    measured against: the input, with its walls if it was thickened. solid: what is encoded, normalised by norm, of a
+    simplified mesh where the input is very large. diagonal: of the input's bounding box, input units. assumptions: a
+    line for each thing taken for granted. refusal: why there is no solid to encode, with the remedy, or None.
     """
 
+    given: Mesh
+    flipped: float
     mesh: Mesh
     norm: Normalisation
     solid: Solid
@@ -47,11 +49,11 @@ class Prepared:
 def prepare(source: Any, thicken: Length | None = None) -> Prepared:
     """Read a source (see `read_mesh`) and make it a solid; thicken: of the wall that sheets get. Raises InputError, and
     MeshError for what is no mesh or a wall that cannot be made; a surface too open to be a solid is a `refusal`."""
-    mesh = read_mesh(source)
+    given = mesh = read_mesh(source)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     norm = normalisation(mesh)
     solid = _solid(mesh, norm)
-    assumptions = _repairs(solid)
+    assumptions, flipped = _repairs(solid), solid.flipped
     if len(mesh.faces) > MOST_FACES:
         assumptions.append(
             f"the fit works on {len(solid.given)} faces, simplified from {len(mesh.faces)}; "
@@ -88,7 +90,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
             f"the surface is open: {100 * solid.behind:.1f} % of the rays from outside came in through a hole, "
             "which comes back closed"
         )
-    return Prepared(mesh, norm, solid, diagonal, assumptions, refusal)
+    return Prepared(given, flipped, mesh, norm, solid, diagonal, assumptions, refusal)
 
 
 def solid_or_error(prepared: Prepared) -> Solid:
@@ -111,11 +113,11 @@ def _solid(mesh: Mesh, norm: Normalisation) -> Solid:
 
 def _repairs(solid: Solid) -> list[str]:
     repaired, out = solid.repaired, []
-    if solid.flipped > 0:
+    if solid.flipped > ROUNDING:
         out.append(f"{100 * solid.flipped:.1f} % of the surface faced inward and was turned round")
-    if repaired.doubled.any():
-        share = solid.areas[repaired.doubled].sum() / solid.areas.sum()
-        out.append(f"{100 * share:.1f} % of the surface was given in both orientations and is taken once")
+    doubled = solid.areas[repaired.doubled].sum() / solid.areas.sum()
+    if doubled > ROUNDING:
+        out.append(f"{100 * doubled:.1f} % of the surface was given in both orientations and is taken once")
     if repaired.repeated:
         out.append(f"{repaired.repeated} faces were copies of others and were left out")
     if repaired.dropped_pairs:

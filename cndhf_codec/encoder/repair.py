@@ -6,6 +6,7 @@ Which way a patch of them looks is for rays to say (`solid.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -105,7 +106,6 @@ def _needless(faces: I64, areas: npt.NDArray[np.float64], doubled: Mask, vertice
     The two faces of a pair cancel in the winding number. The rest stay, once: a surface that is doubled throughout,
     and what closes a hole.
     """
-    sparse, graph = require("scipy.sparse", "encode"), require("scipy.sparse.csgraph", "encode")
     if not doubled.any():
         return doubled.copy()
     edges = edges_of(faces, vertices)
@@ -113,16 +113,13 @@ def _needless(faces: I64, areas: npt.NDArray[np.float64], doubled: Mask, vertice
     others = edges.count - pairs
     # Clusters of doubled faces that share edges: a graph of faces and edges.
     of = edges.of[:, doubled]
-    m, n = of.shape[1], len(edges.count)
-    links = sparse.coo_matrix(
-        (np.ones(of.size, dtype=bool), (np.tile(np.arange(m), 3), m + of.ravel())), (m + n, m + n)
-    )
-    cluster = graph.connected_components(links, directed=False)[1]
+    m = of.shape[1]
+    cluster = connected(np.tile(np.arange(m), 3), m + of.ravel(), m + len(edges.count))
     at = np.flatnonzero(pairs)
     owner = cluster[m + at]
 
-    def total(values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-        return np.bincount(owner, weights=values[at].astype(np.float64), minlength=cluster.max() + 1)
+    def total(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.asarray(np.bincount(owner, weights=values[at], minlength=cluster.max() + 1))
 
     attached = total(others > 0) > 0
     better = total(others % 2) <= total((others + pairs) % 2)
@@ -138,23 +135,24 @@ def _patches(edges: Edges, areas: npt.NDArray[np.float64]) -> tuple[I64, Mask]:
     """(M,) the patch of each face, and whether it must be reversed to look the way that most of its patch does."""
     m = edges.of.shape[1]
     of = edges.of.ravel()
-    halves = np.flatnonzero(edges.paired[of])
-    halves = halves[np.argsort(of[halves], kind="stable")].reshape(-1, 2)
+    unordered = np.flatnonzero(edges.paired[of])
+    halves = unordered[np.argsort(of[unordered], kind="stable")].reshape(-1, 2)
     f, g = (halves % m).T
     agree = edges.net[of[halves[:, 0]]] == 0
-    patch = _components(f, g, m)
+    patch = connected(f, g, m)
     if agree.all():
         return patch, np.zeros(m, dtype=bool)
     # Two nodes a face, as it is and reversed: a patch that can be oriented falls into two mirrored components.
     to = np.where(agree, 0, m)
-    side = _components(np.concatenate([f, f + m]), np.concatenate([g + to, g + m - to]), 2 * m)
+    side = connected(np.concatenate([f, f + m]), np.concatenate([g + to, g + m - to]), 2 * m)
     first = np.unique(patch, return_index=True)[1]
     turned = (side[:m] != side[first][patch]) & (side[:m] != side[m:])
     most = np.bincount(patch, weights=np.where(turned, areas, -areas)) > 0
     return patch, turned ^ (most[patch] & (side[:m] != side[m:]))
 
 
-def _components(a: I64, b: I64, nodes: int) -> I64:
+def connected(a: I64, b: I64, nodes: int) -> I64:
+    """(nodes,) number of the component that each node is in, when those of a are linked to those of b."""
     sparse, graph = require("scipy.sparse", "encode"), require("scipy.sparse.csgraph", "encode")
     matrix = sparse.coo_matrix((np.ones(len(a), dtype=bool), (a, b)), shape=(nodes, nodes))
     return graph.connected_components(matrix, directed=False)[1].astype(np.int64)

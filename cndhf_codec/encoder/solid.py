@@ -43,7 +43,8 @@ class Solid:
         )
         cross = _cross(vertices, self.faces)
         length = np.linalg.norm(cross, axis=1)
-        self.normals = cross / length[:, None]
+        # Normalising can round a sliver to nothing: it then has no normal, and no weight.
+        self.normals = cross / np.where(length > 0, length, 1)[:, None]
         self.areas = length / 2
         inward = self._look_from_outside()
         self.faces[inward] = self.faces[inward][:, ::-1]
