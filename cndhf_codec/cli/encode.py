@@ -1,23 +1,31 @@
-"""`cndhf-encode`: mesh file -> .cndhf file."""
+"""`cndhf-encode`: mesh file -> .cndhf file, or what would become of the mesh."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import OptionError
 from ..files import check_output
 from .sizes import parse_size
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
+    from ..encoder.check import Check
     from ..encoder.pipeline import Report
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.argument("target", metavar="OUTPUT.cndhf", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUTPUT.cndhf", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--check", "only_check", is_flag=True, help="Say what INPUT is like and what would become of it; no OUTPUT."
+)
+@click.option("--json", "as_json", is_flag=True, help="With --check: print one JSON object.")
 @click.option(
     "--preset",
     type=click.Choice(["fast", "default", "best", "paper"]),
@@ -63,7 +71,9 @@ if TYPE_CHECKING:
 @click.version_option(package_name="cndhf-codec")
 def command(
     source: Path,
-    target: Path,
+    target: Path | None,
+    only_check: bool,
+    as_json: bool,
     preset: str,
     axes: int | None,
     width: int | None,
@@ -78,11 +88,19 @@ def command(
     source_name: bool,
     overwrite: bool,
     quiet: bool,
-) -> None:
+) -> int:
     """Store the mesh INPUT (OBJ, PLY, STL, OFF or GLB) as OUTPUT.cndhf.
 
     Hidden cavities are filled, and colours and texture coordinates are not kept.
     """
+    if only_check:
+        if target is not None:
+            raise OptionError(f"--check writes nothing: leave {target} out")
+        return _check(source, as_json, thicken, unit, seed)
+    if as_json:
+        raise OptionError("--json goes with --check")
+    if target is None:
+        raise click.MissingParameter(param_hint="OUTPUT.cndhf", param_type="argument")
     from ..encoder.pipeline import encode_with_report
     from ..encoder.progress import Bar
 
@@ -112,6 +130,42 @@ def command(
         click.echo(f"cndhf-encode: warning: {line}", err=True)
     if not quiet:
         click.echo(_summary(target, model, report))
+    return 0
+
+
+def _check(source: Path, as_json: bool, thicken: str | None, unit: str | None, seed: int) -> int:
+    """Prints the report; the exit code is 1 where the mesh would be refused."""
+    from ..encoder.check import check
+
+    found = check(source, thicken=thicken, unit=unit, seed=seed)
+    click.echo(json.dumps(asdict(found), indent=2) if as_json else _checked(found))
+    return 0 if found.refusal is None else 1
+
+
+def _checked(c: Check) -> str:
+    def percent(share: float) -> str:
+        return f"{100 * share:.1f} %"
+
+    lines = [
+        f"{c.name}: {c.faces} faces, {c.vertices} vertices, {c.components} components",
+        f"size {' x '.join(f'{e:.4g}' for e in c.extents)}, diagonal {c.diagonal:.4g}",
+        f"boundary: {c.boundary_loops} loops of {c.boundary_edges} edges; non-manifold edges: {c.nonmanifold_edges}; "
+        f"faces of zero area: {c.dropped_faces}",
+        f"turned round: {percent(c.flipped)} of the surface; "
+        f"edges that pierce other faces: {percent(c.self_intersections)}",
+    ]
+    if c.volume is not None and c.hidden is not None:
+        lines.append(
+            f"volume about {c.volume:.4g}; hidden from every axis, to be filled: {percent(c.hidden)} of the surface"
+        )
+    if c.floor is not None:
+        lines.append(
+            f"least mean error, from what is filled, with {c.axes} axes: about {c.floor:.3g} "
+            f"({100 * c.floor / c.diagonal:.3f} % of the diagonal)"
+        )
+    lines += [f"assumed: {line}" for line in c.assumptions]
+    lines.append("would be encoded" if c.refusal is None else f"would be refused: {c.refusal}")
+    return "\n".join(lines)
 
 
 def _summary(target: Path, model: Model, report: Report) -> str:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..errors import require
 from .axisset import AxisCosts
 from .goal import parse_length
+from .pipeline import hidden_warning
 from .prepare import prepare
 from .repair import I64, Edges, connected, edges_of
 from .settings import PRESETS
@@ -70,11 +71,13 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     edges = edges_of(mesh.faces, len(mesh.vertices))
     boundary = _boundary(mesh.faces, edges)
     volume = hidden = axes = floor = None
+    assumptions = prepared.assumptions
     if prepared.refusal is None:
         volume = _volume(solid, seed) * scale**3
         with Team(min(4, os.cpu_count() or 1)) as team:
             costs = AxisCosts(solid, seed, team)
         hidden = 1 - costs.visible
+        assumptions = [*assumptions, *hidden_warning(costs.visible)]
         if costs.visible > 0:
             axes = PRESETS["default"].max_axes or 1
             floor = costs.floor(costs.best(axes)) * scale
@@ -96,7 +99,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         hidden=hidden,
         axes=axes,
         floor=floor,
-        assumptions=prepared.assumptions,
+        assumptions=assumptions,
         refusal=prepared.refusal,
     )
 

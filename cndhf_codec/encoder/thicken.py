@@ -41,7 +41,7 @@ def thickened(solid: Solid, norm: Normalisation, thickness: float, name: str) ->
     sheets, faces = solid.vertices[corners], numbers.reshape(-1, 3).astype(np.int64)
     level = thickness / norm.scale / 2
     field, origin, spacing = _distance_grid(sheets, faces, level, 2 * level / CELLS)
-    vertices, wall, _, _ = measure.marching_cubes(field, level=level, gradient_direction="ascent")
+    vertices, wall, _, _ = measure.marching_cubes(field, level=level, gradient_direction="descent")
     vertices = np.concatenate([solid.vertices, vertices.astype(np.float64) * spacing + origin])
     faces = np.concatenate([solid.faces[~solid.sheet], wall + len(solid.vertices)])
     return checked(vertices * norm.scale + np.array(norm.centre), faces, name)
