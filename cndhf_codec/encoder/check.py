@@ -80,7 +80,8 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         assumptions = [*assumptions, *hidden_warning(costs.visible)]
         if costs.visible > 0:
             axes = PRESETS["default"].max_axes or 1
-            floor = costs.floor(costs.best(axes)) * scale
+            # One of the two directions of the mean error sees what is filled.
+            floor = costs.depth(costs.best(axes)) / 2 * scale
     x, y, z = (float(e) for e in np.ptp(mesh.vertices, axis=0))
     return Check(
         name=mesh.name,

@@ -64,7 +64,8 @@ def test_what_is_hidden_and_what_it_costs():
     shell, cavity = box([-1] * 3, [1] * 3), box([-0.5] * 3, [0.5] * 3, inverted=True)
     found = check(trimesh.util.concatenate([shell, cavity]))
     assert found.hidden == pytest.approx(0.2, abs=0.01)  # 6 of 30
-    assert found.floor == pytest.approx(0.2 * 0.5, rel=0.1)  # the cavity's walls are a half below the surface
+    # The cavity's walls are a half below the surface, in one of the two directions that the error is the mean of.
+    assert found.floor == pytest.approx(0.2 * 0.5 / 2, rel=0.1)
     assert any("hidden from every axis" in line for line in found.assumptions)
 
 
