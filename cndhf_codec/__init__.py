@@ -14,16 +14,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .decoder.limits import Limits
     from .decoder.model import Model, load, loads
+    from .encoder.check import Check, check
     from .encoder.pipeline import encode
     from .errors import CndhfError
 
 __version__ = "0.1.0"
-__all__ = ["CndhfError", "Limits", "Model", "encode", "load", "loads"]
+__all__ = ["Check", "CndhfError", "Limits", "Model", "check", "encode", "load", "loads"]
 
 _HOMES = {
+    "Check": "encoder.check",
     "CndhfError": "errors",
     "Limits": "decoder.limits",
     "Model": "decoder.model",
+    "check": "encoder.check",
     "encode": "encoder.pipeline",
     "load": "decoder.model",
     "loads": "decoder.model",

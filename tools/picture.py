@@ -47,6 +47,7 @@ def shade(vertices: np.ndarray, faces: np.ndarray, frame: np.ndarray, size: int)
     origins = np.stack([x.ravel(), y.ravel(), np.full(x.size, 2.0)], axis=1) @ frame
     hit = solid.first_hits(origins, -frame[2])
     normals = solid.normals[hit] @ frame.T
+    normals *= np.where(normals[:, 2:] < 0, -1, 1)  # an open surface is looked at from both sides
     lambert = np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1) * 0.8 + 0.2 * normals[:, 2].clip(0, 1)
     image = np.where(hit[:, None] >= 0, lambert[:, None] * WARM, 1.0)
     return image.reshape(size, size, 3)

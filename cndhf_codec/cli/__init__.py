@@ -1,6 +1,6 @@
 """The console scripts. One module a command; this one turns every failure into one line and an exit code.
 
-Exit codes: 0 done, 1 failed (the line says why), 2 wrong arguments, 130 interrupted.
+Exit codes: 0 done, 1 failed (the line says why) or refused by --check, 2 wrong arguments, 130 interrupted.
 """
 
 from __future__ import annotations

@@ -45,7 +45,9 @@ def command(
     mesh = None if target is None else model.to_mesh(resolution)
     grid = None if occupancy is None else model.occupancy(resolution)
     if mesh is not None and target is not None:
-        write_mesh(mesh, target, overwrite)
+        warning = write_mesh(mesh, target, overwrite)
+        if warning is not None:
+            click.echo(f"cndhf-decode: warning: {warning}", err=True)
         if not quiet:
             click.echo(f"{target}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
     if grid is not None and occupancy is not None:

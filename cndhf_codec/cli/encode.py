@@ -1,28 +1,31 @@
-"""`cndhf-encode`: mesh file -> .cndhf file."""
+"""`cndhf-encode`: mesh file -> .cndhf file, or what would become of the mesh."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import OptionError
 from ..files import check_output
 from .sizes import parse_size
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
+    from ..encoder.check import Check
     from ..encoder.pipeline import Report
-
-# A larger share of unseen surface than this is worth a warning: it will be filled.
-UNSEEN = 0.02
-# Fewer rays than this that see a face from behind are rounding at silhouettes, not a hole.
-OPEN = 0.001
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.argument("target", metavar="OUTPUT.cndhf", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUTPUT.cndhf", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--check", "only_check", is_flag=True, help="Say what INPUT is like and what would become of it; no OUTPUT."
+)
+@click.option("--json", "as_json", is_flag=True, help="With --check: print one JSON object.")
 @click.option(
     "--preset",
     type=click.Choice(["fast", "default", "best", "paper"]),
@@ -43,7 +46,15 @@ OPEN = 0.001
     "Makes the smallest file found that keeps to it, by several encodes.",
 )
 @click.option(
-    "--unit", type=click.Choice(["mm", "cm", "m", "in"]), help="What the input's unit is, for --target-error."
+    "--unit",
+    type=click.Choice(["mm", "cm", "m", "in"]),
+    help="What the input's unit is, for --target-error and --thicken.",
+)
+@click.option(
+    "--thicken",
+    metavar="THICKNESS",
+    help="Give open sheets, which have no inside, a wall: 1% of the bounding box's diagonal, a number in input units, "
+    "or 2mm with --unit.",
 )
 @click.option(
     "--time-limit",
@@ -60,13 +71,16 @@ OPEN = 0.001
 @click.version_option(package_name="cndhf-codec")
 def command(
     source: Path,
-    target: Path,
+    target: Path | None,
+    only_check: bool,
+    as_json: bool,
     preset: str,
     axes: int | None,
     width: int | None,
     target_size: str | None,
     target_error: str | None,
     unit: str | None,
+    thicken: str | None,
     time_limit: float | None,
     seed: int,
     device: str,
@@ -74,11 +88,19 @@ def command(
     source_name: bool,
     overwrite: bool,
     quiet: bool,
-) -> None:
+) -> int:
     """Store the mesh INPUT (OBJ, PLY, STL, OFF or GLB) as OUTPUT.cndhf.
 
     Hidden cavities are filled, and colours and texture coordinates are not kept.
     """
+    if only_check:
+        if target is not None:
+            raise OptionError(f"--check writes nothing: leave {target} out")
+        return _check(source, as_json, thicken, unit, seed)
+    if as_json:
+        raise OptionError("--json goes with --check")
+    if target is None:
+        raise click.MissingParameter(param_hint="OUTPUT.cndhf", param_type="argument")
     from ..encoder.pipeline import encode_with_report
     from ..encoder.progress import Bar
 
@@ -93,6 +115,7 @@ def command(
             target_size=None if target_size is None else parse_size(target_size),
             target_error=target_error,
             unit=unit,
+            thicken=thicken,
             time_limit=time_limit,
             seed=seed,
             device=device,
@@ -103,10 +126,46 @@ def command(
     finally:
         bar.close()
     model.save(target, overwrite=overwrite)
-    for line in _warnings(report):
+    for line in report.warnings:
         click.echo(f"cndhf-encode: warning: {line}", err=True)
     if not quiet:
         click.echo(_summary(target, model, report))
+    return 0
+
+
+def _check(source: Path, as_json: bool, thicken: str | None, unit: str | None, seed: int) -> int:
+    """Prints the report; the exit code is 1 where the mesh would be refused."""
+    from ..encoder.check import check
+
+    found = check(source, thicken=thicken, unit=unit, seed=seed)
+    click.echo(json.dumps(asdict(found), indent=2) if as_json else _checked(found))
+    return 0 if found.refusal is None else 1
+
+
+def _checked(c: Check) -> str:
+    def percent(share: float) -> str:
+        return f"{100 * share:.1f} %"
+
+    lines = [
+        f"{c.name}: {c.faces} faces, {c.vertices} vertices, {c.components} components",
+        f"size {' x '.join(f'{e:.4g}' for e in c.extents)}, diagonal {c.diagonal:.4g}",
+        f"boundary: {c.boundary_loops} loops of {c.boundary_edges} edges; non-manifold edges: {c.nonmanifold_edges}; "
+        f"faces of zero area: {c.dropped_faces}",
+        f"turned round: {percent(c.flipped)} of the surface; "
+        f"edges that pierce other faces: {percent(c.self_intersections)}",
+    ]
+    if c.volume is not None and c.hidden is not None:
+        lines.append(
+            f"volume about {c.volume:.4g}; hidden from every axis, to be filled: {percent(c.hidden)} of the surface"
+        )
+    if c.floor is not None:
+        lines.append(
+            f"least mean error, from what is filled, with {c.axes} axes: about {c.floor:.3g} "
+            f"({100 * c.floor / c.diagonal:.3f} % of the diagonal)"
+        )
+    lines += [f"assumed: {line}" for line in c.assumptions]
+    lines.append("would be encoded" if c.refusal is None else f"would be refused: {c.refusal}")
+    return "\n".join(lines)
 
 
 def _summary(target: Path, model: Model, report: Report) -> str:
@@ -126,22 +185,3 @@ def _summary(target: Path, model: Model, report: Report) -> str:
             f"(by any axis: {100 * report.visible:.1f} %)",
         ]
     )
-
-
-def _warnings(report: Report) -> list[str]:
-    out = []
-    if 1 - report.visible > UNSEEN:
-        out.append(
-            f"{100 * (1 - report.visible):.1f} % of the surface is hidden from every axis (cavities, inner parts) "
-            "and comes back filled"
-        )
-    if report.flipped > 0:
-        out.append(f"{100 * report.flipped:.1f} % of the surface faced inward and was turned round")
-    if report.unknown > OPEN:
-        out.append(
-            f"the surface is open: {100 * report.unknown:.1f} % of the rays of one axis came in through a hole, "
-            "which comes back closed"
-        )
-    if report.dropped_faces:
-        out.append(f"{report.dropped_faces} faces of zero area were left out")
-    return out

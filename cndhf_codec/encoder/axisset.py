@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import require
 from .axes import fibonacci_sphere
 from .samples import surface_points, visible_points
 from .solid import Solid
@@ -33,7 +34,8 @@ class AxisCosts:
         points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
         self.axes = _candidates(solid)
         rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
-        self.costs, self._fills, self._seen = (np.stack(part) for part in zip(*rows, strict=True))
+        self.costs, self._fills, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
+        self._points = points
         self.visible = float(self._seen.any(axis=0).mean())
 
     def sets(self, count: int) -> list[list[int]]:
@@ -68,6 +70,16 @@ class AxisCosts:
         owner = self.costs[chosen].argmin(axis=0)
         return float(self._fills[chosen][owner, np.arange(len(owner))].mean()) / 2
 
+    def depth(self, chosen: list[int]) -> float:
+        """Mean distance of the whole surface from that of the intersection of exact height fields: a point that none of
+        the axes sees lies within solid, as deep as along one of them, or as it is far from what they see."""
+        seen = self._seen[chosen].any(axis=0)
+        if not 0 < seen.sum() < seen.size:
+            return 0.0
+        tree = require("scipy.spatial", "encode").cKDTree(self._points[seen])
+        depth = np.minimum(tree.query(self._points[~seen])[0], self._depths[chosen].min(axis=0)[~seen])
+        return float(depth.sum() / seen.size)
+
     def covered(self, chosen: list[int]) -> float:
         """Share of the surface that at least one of the axes sees."""
         return float(self._seen[chosen].any(axis=0).mean())
@@ -93,8 +105,9 @@ def _candidates(solid: Solid) -> F64:
     return np.concatenate([sphere[: DIRECTIONS // 2], np.eye(3), np.linalg.eigh(covariance)[1].T])
 
 
-def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, F64, npt.NDArray[np.bool_]]:
-    """(N,) cost of the axis at each point, the part of it that is filled, and whether the axis sees the point."""
+def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, F64, npt.NDArray[np.bool_], F64]:
+    """(N,) cost of the axis at each point, the part of it that is filled, whether the axis sees the point, and how deep
+    below the surface it is along the axis where it does not."""
     seen = visible_points(solid, points, normals, axis)
     cosine = np.maximum(np.abs(normals @ axis), LEAST_COSINE)
     slant = SLANT * (1 / cosine - 1)
@@ -112,4 +125,6 @@ def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, F64,
     # Along the normal, the way to the surface is no longer than along the axis.
     filled = np.zeros(len(points))
     filled[hidden] = np.where(np.isfinite(fill), fill * np.maximum(cosine[hidden], 0.3), 0)
-    return np.where(seen, slant, filled), filled, seen
+    depth = np.zeros(len(points))
+    depth[hidden] = fill
+    return np.where(seen, slant, filled), filled, seen, depth

@@ -21,8 +21,8 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class ErrorGoal:
-    """A mean error: in input units, or relative to the diagonal of the input's bounding box."""
+class Length:
+    """A length: in input units, or relative to the diagonal of the input's bounding box."""
 
     value: float
     relative: bool
@@ -31,25 +31,25 @@ class ErrorGoal:
         return self.value * diagonal if self.relative else self.value
 
 
-def parse_error(text: str | float, unit: str | None) -> ErrorGoal:
-    """A mean error as a user writes it: "0.2%" of the diagonal; a number in input units; or, when `unit` says what the
-    input's unit is, "0.5mm", "0.1cm", "0.001m" or "0.02in". Raises OptionError."""
+def parse_length(text: str | float, unit: str | None, what: str) -> Length:
+    """A length as a user writes it: "0.2%" of the diagonal; a number in input units; or, when `unit` says what the
+    input's unit is, "0.5mm", "0.1cm", "0.001m" or "0.02in". Raises OptionError, which says what it is the length of."""
     if unit is not None and unit not in METRES:
         raise OptionError(f"unit is {unit!r}; there are {', '.join(METRES)}")
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*(%|[a-z]+)?\s*", str(text))
     value = float(match[1]) if match else 0.0
     if match is None or not 0 < value < math.inf:
-        raise OptionError(f"target error is {text!r}; give a positive number, alone or with %, mm, cm, m or in")
+        raise OptionError(f"{what} is {text!r}; give a positive number, alone or with %, mm, cm, m or in")
     suffix = match[2]
     if suffix == "%":
-        return ErrorGoal(value / 100, relative=True)
+        return Length(value / 100, relative=True)
     if suffix is None:
-        return ErrorGoal(value, relative=False)
+        return Length(value, relative=False)
     if suffix not in METRES:
-        raise OptionError(f"target error is {text!r}; units are {', '.join(METRES)}, or % of the diagonal")
+        raise OptionError(f"{what} is {text!r}; units are {', '.join(METRES)}, or % of the diagonal")
     if unit is None:
-        raise OptionError(f"target error is {text!r}, but the input's unit is not known; state it with --unit")
-    return ErrorGoal(value * METRES[suffix] / METRES[unit], relative=False)
+        raise OptionError(f"{what} is {text!r}, but the input's unit is not known; state it with --unit")
+    return Length(value * METRES[suffix] / METRES[unit], relative=False)
 
 
 def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: float) -> Result:

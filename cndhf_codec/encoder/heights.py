@@ -82,16 +82,13 @@ def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets
     flat = uv.reshape(-1, 2)
 
     R = frame.rotation
-    corners = (solid.vertices @ R.T)[solid.faces]  # in the DHF's frame, float64
-    normals = solid.normals @ R.T
     start = np.column_stack([flat, np.full(len(flat), RAY_START)])
     top = solid.first_hits(start @ R, -R[2])
     bottom = solid.first_hits((start * [1, 1, -1]) @ R, R[2])
     hit = (top >= 0) & (bottom >= 0)
-    far = _heights_on(corners, normals, top, flat)
-    near = _heights_on(corners, normals, bottom, flat)
-    far_known = hit & (normals[top, 2] > 0)
-    near_known = hit & (normals[bottom, 2] < 0)
+    far, up = _heights_on(solid, R, top, flat)
+    near, down = _heights_on(solid, R, bottom, flat)
+    far_known, near_known = hit & (up > 0), hit & (down < 0)
 
     shape = (nu, nv)
     near, far = near.reshape(shape), far.reshape(shape)
@@ -111,18 +108,17 @@ def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets
 
 
 def _heights_on(
-    corners: npt.NDArray[np.float64],
-    normals: npt.NDArray[np.float64],
-    face: npt.NDArray[np.int32],
-    uv: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
-    """z of each hit triangle's plane at (u, v) in float64, kept within the triangle; 0 where face is -1."""
-    a, n = corners[face, 0], normals[face]
+    solid: Solid, R: npt.NDArray[np.float64], face: npt.NDArray[np.int32], uv: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """z of each hit triangle's plane at (u, v) in float64, kept within the triangle, 0 where face is -1; and the z of
+    its normal, in the DHF's frame."""
+    corners, n = solid.vertices[solid.faces[face]] @ R.T, solid.normals[face] @ R.T
+    a = corners[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         z = a[:, 2] - ((uv - a[:, :2]) * n[:, :2]).sum(axis=1) / n[:, 2]
-    zs = corners[face, :, 2]
+    zs = corners[:, :, 2]
     z = np.clip(np.nan_to_num(z, nan=np.inf), zs.min(axis=1), zs.max(axis=1))
-    return np.where(face >= 0, z, 0)
+    return np.where(face >= 0, z, 0), n[:, 2]
 
 
 def _laplacian(h: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

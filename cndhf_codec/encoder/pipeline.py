@@ -15,15 +15,14 @@ from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
 from .deadline import Deadline
-from .goal import parse_error, smallest_file
-from .normalise import normalisation
+from .goal import parse_length, smallest_file
+from .prepare import prepare, solid_or_error
 from .progress import OnStep, Progress, silent
-from .read import read_mesh
 from .settings import Settings, settings_for
-from .solid import Solid
 from .verify import Distances, surface_distances
 
 VERIFY_SHARE = 0.1  # of a time limit
+UNSEEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
 
 
 @dataclass
@@ -34,13 +33,29 @@ class Report:
     faces: int = 0
     dropped_faces: int = 0  # of zero area
     flipped: float = 0.0  # share whose orientation was reversed
+    assumptions: list[str] = field(default_factory=list)  # a line for each thing that was taken for granted
     visible: float = 0.0  # share that a double height field along some candidate axis can see
     covered: float = 0.0  # share that the chosen axes see
     unknown: float = 0.0  # share of the rays that meet a face from behind, through a hole
-    distances: Distances | None = None  # input units
+    distances: Distances | None = None  # from the input, or from its walls where it was thickened; input units
     normalised: Distances | None = None  # normalised frame
     diagonal: float = 0.0  # of the input's bounding box, input units
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> list[str]:
+        """A line for each thing that a user should know of before trusting the result."""
+        return [*self.assumptions, *hidden_warning(self.visible)]
+
+
+def hidden_warning(visible: float) -> list[str]:
+    """A line where more of the surface is hidden than can go without saying."""
+    if 1 - visible <= UNSEEN:
+        return []
+    return [
+        f"{100 * (1 - visible):.1f} % of the surface is hidden from every axis (cavities, inner parts) "
+        "and comes back filled"
+    ]
 
 
 def encode(
@@ -52,6 +67,7 @@ def encode(
     target_size: int | None = None,
     target_error: float | str | None = None,
     unit: str | None = None,
+    thicken: float | str | None = None,
     time_limit: float | None = None,
     seed: int = 0,
     device: str = "auto",
@@ -67,6 +83,7 @@ def encode(
     target_error: mean error that the file shall not exceed, in input units, or as a string "0.2%" of the bounding
     box's diagonal, or, when unit ("mm", "cm", "m" or "in") says what the input's unit is, "0.5mm": the smallest file
     found that keeps to it, by several encodes. EncodeError when none does.
+    thicken: the thickness of a wall that open sheets get, which have no inside otherwise; a length as in target_error.
     time_limit: seconds; the fit is cut short to keep to it, so that bytes then depend on the machine's speed.
     seed: equal seeds give equal bytes on the same kind of machine. device: "auto", "cpu" or "cuda".
     threads: how many to use, all by default; the result does not depend on it. source_name: write the
@@ -80,6 +97,7 @@ def encode(
         target_size=target_size,
         target_error=target_error,
         unit=unit,
+        thicken=thicken,
         time_limit=time_limit,
         seed=seed,
         device=device,
@@ -98,6 +116,7 @@ def encode_with_report(
     target_size: int | None = None,
     target_error: float | str | None = None,
     unit: str | None = None,
+    thicken: float | str | None = None,
     time_limit: float | None = None,
     seed: int = 0,
     device: str = "auto",
@@ -107,9 +126,10 @@ def encode_with_report(
 ) -> tuple[Model, Report]:
     """As `encode`, with a Report of what was done."""
     settings = settings_for(preset, axes, width, target_size)
-    goal = None if target_error is None else parse_error(target_error, unit)
+    goal = None if target_error is None else parse_length(target_error, unit, "target error")
     if goal is not None and (target_size is not None or width is not None or not settings.joint):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
+    wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     if time_limit is not None and not time_limit > 0:
         raise OptionError(f"time limit is {time_limit}; give a positive number of seconds")
     if threads is None:
@@ -137,12 +157,11 @@ def encode_with_report(
     deadline = Deadline() if time_limit is None else Deadline(time_limit)
 
     clock("read", 1)
-    mesh = read_mesh(source)
-    norm = normalisation(mesh)
-    solid = Solid(norm.apply(mesh.vertices), mesh.faces)
-    report.faces, report.dropped_faces, report.flipped = len(mesh.faces), mesh.dropped, solid.flipped
-    extent = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
-    report.diagonal = float((extent @ extent) ** 0.5)
+    prepared = prepare(source, wall)
+    mesh, norm, solid = prepared.mesh, prepared.norm, solid_or_error(prepared)
+    given = prepared.given
+    report.faces, report.dropped_faces, report.flipped = len(given.faces), given.dropped, prepared.flipped
+    report.assumptions, report.diagonal = prepared.assumptions, prepared.diagonal
 
     def attempt(settings: Settings, deadline: Deadline) -> tuple[Model, Report]:
         """One encode, as the settings say."""
@@ -169,7 +188,7 @@ def encode_with_report(
                 f"{mesh.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
                 "or more time"
             ) from exc
-        measured = surface_distances(solid.vertices, solid.faces, norm.apply(surface.vertices), surface.faces, seed)
+        measured = surface_distances(*prepared.reference, norm.apply(surface.vertices), surface.faces, seed)
         clock.close()
         distances = measured.scaled(norm.scale)
         with_errors = replace(

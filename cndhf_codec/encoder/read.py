@@ -13,11 +13,12 @@ import numpy.typing as npt
 from ..errors import InputError, MeshError, require
 
 EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".glb")
+AT_ONCE = 2**20  # faces looked at together: bounds the memory that large meshes take
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles with no zero-area face, no unused vertex, and equal positions merged.
+    """Triangles with no zero-area face, no unused vertex, equal positions merged, and vertices and faces sorted.
 
     vertices: (N, 3) float64. faces: (M, 3) int64. dropped: how many zero-area faces were left out.
     """
@@ -40,7 +41,7 @@ def read_mesh(source: Any) -> Mesh:
     when it does not hold triangles with finite coordinates.
     """
     if isinstance(source, (str, os.PathLike)):
-        return _checked(*_load(Path(source)), str(Path(source)))
+        return checked(*_load(Path(source)), str(Path(source)))
     if isinstance(source, tuple) and len(source) == 2:
         try:
             vertices, faces = (np.asarray(part, dtype=np.float64) for part in source)
@@ -48,11 +49,11 @@ def read_mesh(source: Any) -> Mesh:
             raise MeshError("the mesh: vertices and faces must be arrays of numbers") from exc
         if not np.array_equal(faces, np.floor(faces)):
             raise MeshError("the mesh: a face names a vertex by a number that is not whole")
-        return _checked(vertices, faces, "the mesh")
+        return checked(vertices, faces, "the mesh")
     if hasattr(source, "geometry"):
         source = _flatten(source, "the scene")
     if hasattr(source, "vertices") and hasattr(source, "faces"):
-        return _checked(np.asarray(source.vertices), np.asarray(source.faces), "the mesh")
+        return checked(np.asarray(source.vertices), np.asarray(source.faces), "the mesh")
     raise MeshError(
         f"cannot make a mesh of a {type(source).__name__}; give a path, a trimesh.Trimesh or (vertices, faces)"
     )
@@ -89,7 +90,8 @@ def _flatten(scene: Any, name: str) -> Any:
     return trimesh.util.concatenate(meshes)
 
 
-def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
+def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
+    """The mesh of these arrays, whatever they hold. Raises MeshError, which calls the mesh by its name."""
     if faces.size == 0:
         raise MeshError(f"{name}: has no faces")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
@@ -101,20 +103,48 @@ def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
     if faces.min() < 0 or faces.max() >= len(vertices):
         worst = faces.min() if faces.min() < 0 else faces.max()
         raise MeshError(f"{name}: a face names vertex {worst}, but there are {len(vertices)} vertices")
-    if not np.isfinite(vertices[np.unique(faces)]).all():
+    named = np.zeros(len(vertices), dtype=bool)
+    named[faces] = True
+    if not np.isfinite(vertices[named]).all():
         raise MeshError(f"{name}: a vertex coordinate is NaN or infinite")
-    positions, number = np.unique(vertices, axis=0, return_inverse=True)
-    faces = number.reshape(-1)[faces]
-    a, b, c = (positions[faces[:, k]] for k in range(3))
-    # Relative to the longest edge, so that the test means the same in metres and in micrometres.
-    edge = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
-    solid = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * edge**2
+    faces, vertices = _merged(faces, vertices)
+    solid = np.concatenate([_has_area(vertices, faces[at : at + AT_ONCE]) for at in range(0, len(faces), AT_ONCE)])
     dropped = int(len(faces) - solid.sum())
     faces = faces[solid]
     if not len(faces):
         raise MeshError(f"{name}: every face has zero area")
-    used, number = np.unique(faces, return_inverse=True)
-    return Mesh(positions[used], number.reshape(-1, 3).astype(np.int64), name, dropped)
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return Mesh(vertices[used], _in_order((np.cumsum(used) - 1)[faces]), name, dropped)
+
+
+def _merged(
+    faces: npt.NDArray[np.int64], vertices: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Faces on the distinct positions, which are sorted by x, then y, then z."""
+    vertices = vertices + 0.0  # -0 becomes 0
+    order = np.lexsort(vertices.T[::-1])
+    ordered = vertices[order]
+    new = np.ones(len(order), dtype=bool)
+    np.any(ordered[1:] != ordered[:-1], axis=1, out=new[1:])
+    number = np.empty(len(order), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return number[faces], ordered[new]
+
+
+def _has_area(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    # Relative to the longest edge, so that the test means the same in metres and in micrometres.
+    edge = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * edge**2)
+
+
+def _in_order(faces: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Every face from its least vertex on, and the faces sorted: what a file's order of faces and vertices was is
+    forgotten, so that one geometry gives one file whatever the format it came in."""
+    first = faces.argmin(axis=1)[:, None]
+    faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    return faces[np.lexsort(faces.T[::-1])]
 
 
 def _line(exc: Exception) -> str:

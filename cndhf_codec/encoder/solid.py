@@ -6,36 +6,52 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import require
+from .repair import repair
 
 RAYS_AT_ONCE = 2**18
+# A patch more of whose rays from outside than this meet it from behind has no inside. Measured: a bunny with holes in
+# its base 0.02, a sphere without a cap of a tenth of its area 0.09; an open box 0.17, a draped cloth 0.28, a range scan
+# 0.44.
+SHEET = 0.125
+FEW = 20  # rays that say nothing of a patch
 
 
 class Solid:
-    """A mesh in the normalised frame, ready for rays. Faces are in Morton order, so that rays cast from
-    neighbouring faces walk the same part of the tree, and face outward as seen from outside.
+    """A mesh in the normalised frame, ready for rays. What it bounds: copies of faces count once, neighbours are made
+    to look the same way, every patch of them outward as seen from outside; inside is where the winding number is above
+    1/2. So holes are closed, overlapping parts are one, and what is within others does not matter. Faces are in Morton
+    order, so that rays cast from neighbouring faces walk the same part of the tree.
 
-    vertices: (N, 3) float64. faces: (M, 3) int64. normals: (M, 3) unit float64. areas: (M,) float64.
-    flipped: share of the area whose orientation was reversed.
+    vertices: (N, 3) float64. given: (M, 3) int64 the faces as they came. faces: (M', 3) int64 those of the solid.
+    normals: (M', 3) unit float64. areas: (M',) float64. flipped: share of the area whose orientation was reversed.
+    behind: share of the rays from outside that meet a face from behind, through a hole. open: share of them that meet
+    sheets, patches of the surface that have no inside. sheet: (M',) the faces of those and of scraps that hardly a ray
+    meets.
     """
 
     def __init__(self, vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> None:
         scene = require("embreex.rtcore_scene", "encode")
         construction = require("embreex.mesh_construction", "encode")
         self.vertices = vertices
-        self.faces = faces[np.argsort(_morton(vertices[faces].mean(axis=1)), kind="stable")]
+        self.given = faces[np.argsort(_morton(vertices[faces].mean(axis=1)), kind="stable")]
+        given_areas = np.linalg.norm(_cross(vertices, self.given), axis=1) / 2
+        self.repaired = repaired = repair(self.given, given_areas, len(vertices))
+        self.faces = repaired.faces
         self._scene = scene.EmbreeScene(robust=True)
         self._geometry = construction.TriangleMesh(
             self._scene, vertices.astype(np.float32), self.faces.astype(np.int32)
         )
-        a, b, c = (vertices[self.faces[:, k]] for k in range(3))
-        cross = np.cross(b - a, c - a)
+        cross = _cross(vertices, self.faces)
         length = np.linalg.norm(cross, axis=1)
-        self.normals = cross / length[:, None]
+        # Normalising can round a sliver to nothing: it then has no normal, and no weight.
+        self.normals = cross / np.where(length > 0, length, 1)[:, None]
         self.areas = length / 2
-        inward = self._inward_faces()
-        self.flipped = float(self.areas[inward].sum() / self.areas.sum())
+        inward = self._look_from_outside()
         self.faces[inward] = self.faces[inward][:, ::-1]
         self.normals[inward] *= -1
+        # A face that was given in both orientations has none to be reversed.
+        flipped = (repaired.turned ^ inward) & ~repaired.doubled
+        self.flipped = float(self.areas[flipped].sum() / self.areas.sum())
 
     def first_hits(
         self, origins: npt.NDArray[np.floating], directions: npt.NDArray[np.floating]
@@ -56,27 +72,28 @@ class Solid:
         wide = np.ascontiguousarray(points, dtype=np.float64)
         return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide) > 0.5)
 
-    def _inward_faces(self) -> npt.NDArray[np.bool_]:
-        """Faces whose connected component is seen mostly from behind by rays from outside."""
-        labels = _components(self.vertices, self.faces)
-        score = np.zeros(labels.max() + 1)
+    def _look_from_outside(self) -> npt.NDArray[np.bool_]:
+        """Casts rays from outside; sets `behind`, `open` and `sheet`. Returns the faces whose patch is seen mostly from
+        behind: they look inward."""
+        patch = self.repaired.patch
+        seen = np.zeros((2, patch.max() + 1), dtype=np.int64)  # from the front, from behind
         for direction in _directions(14):
-            origins = _disc(direction, 100)
-            hit = self.first_hits(origins, -direction)
+            hit = self.first_hits(_disc(direction, 100), -direction)
             hit = hit[hit >= 0]
-            facing = self.normals[hit] @ direction
-            np.add.at(score, labels[hit], np.sign(facing))
-        return score[labels] < 0
+            for side, at in enumerate((hit[self.normals[hit] @ direction > 0], hit[self.normals[hit] @ direction < 0])):
+                seen[side] += np.bincount(patch[at], minlength=seen.shape[1])
+        rays, behind = np.maximum(seen.sum(axis=0), 1), seen.min(axis=0)
+        sheet = behind > SHEET * rays
+        self.behind = float(behind.sum() / rays.sum())
+        self.open = float(rays[sheet].sum() / rays.sum())
+        self.sheet = (sheet | (self.repaired.open_patch & (rays < FEW)))[patch]
+        return (seen[1] > seen[0])[patch]
 
 
-def _components(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """(M,) number of the connected component (by shared vertices) that each face belongs to."""
-    sparse = require("scipy.sparse", "encode")
-    graph = require("scipy.sparse.csgraph", "encode")
-    edges = np.concatenate([faces[:, :2], faces[:, 1:]])
-    n = len(vertices)
-    matrix = sparse.coo_matrix((np.ones(len(edges), dtype=bool), edges.T), shape=(n, n))
-    return graph.connected_components(matrix, directed=False)[1][faces[:, 0]]
+def _cross(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """(M, 3) normals of faces, twice their areas long."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
 
 
 def _directions(n: int) -> npt.NDArray[np.float64]:

@@ -137,6 +137,65 @@ def test_quiet(run, box, tmp_path):
     assert run("decode", target, mesh, *options) == (0, "", "")
 
 
+@pytest.fixture
+def cloth(tmp_path) -> Path:
+    """A sheet that is open all round."""
+    square = trimesh.creation.box((1, 1, 1)).subdivide()
+    square.update_faces(square.triangles_center[:, 2] > 0.49)
+    square.export(tmp_path / "cloth.ply")
+    return tmp_path / "cloth.ply"
+
+
+def test_check(run, box, tmp_path):
+    code, out, err = run("encode", box, "--check")
+    assert (code, err) == (0, "")
+    assert out.startswith(f"{box}: 12 faces, 8 vertices, 1 components\n")
+    assert out.endswith("would be encoded\n")
+    code, out, err = run("encode", "--check", "--json", box)
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert (found["faces"], found["refusal"], found["hidden"]) == (12, None, 0)
+    assert found["volume"] == pytest.approx(0.125, rel=0.01)
+    assert os.listdir(tmp_path) == ["box.ply"]
+
+
+def test_a_cloth_is_refused(run, fails, cloth, tmp_path):
+    assert "cloth.ply: it has no inside" in fails(1, "encode", cloth, tmp_path / "a.cndhf")
+    assert "a wall of 0.0001" in fails(1, "encode", cloth, tmp_path / "a.cndhf", "--thicken", "0.0001")
+    code, out, err = run("encode", cloth, "--check")
+    assert (code, err) == (1, "")
+    assert "would be refused" in out
+    assert "--thicken 1%" in out
+    code, out, err = run("encode", cloth, "--check", "--json")
+    assert code == 1
+    assert "no inside" in json.loads(out)["refusal"]
+    assert run("encode", cloth, "--check", "--thicken", "2%")[0] == 0
+
+
+@pytest.mark.usefixtures("tiny")
+def test_a_cloth_gets_a_wall(run, cloth, tmp_path):
+    arguments = [cloth, tmp_path / "a.cndhf", "--preset", "fast", "--thicken", "5cm", "--unit", "m"]
+    code, _, err = run("encode", *arguments)
+    assert code == 0
+    assert "warning: sheets, 100.0 % of what is seen from outside, got a wall of 0.05" in err
+    bounds = load(tmp_path / "a.cndhf").to_mesh(32).extents
+    assert bounds[2] < 0.3
+
+
+def test_decoding_to_an_stl_far_away_warns(run, tmp_path):
+    from analytic import model as analytic_model
+    from analytic import slab
+
+    analytic_model(slab((-0.5, -0.5, -0.25), (0.5, 0.5, 0.25)), centre=(1e6, 0, 0)).save(tmp_path / "a.cndhf")
+    code, _, err = run("decode", tmp_path / "a.cndhf", tmp_path / "a.stl", "--resolution", "16")
+    assert code == 0
+    assert "warning" in err
+    assert "STL holds float32" in err
+    assert run("decode", tmp_path / "a.cndhf", tmp_path / "a.ply", "--resolution", "16")[2] == ""
+    mesh = trimesh.load(tmp_path / "a.ply", process=False)
+    np.testing.assert_allclose(mesh.extents, [1, 1, 0.5], atol=1e-3)
+
+
 @pytest.mark.usefixtures("tiny")
 def test_warnings_stay_when_quiet(run, tmp_path):
     mesh = trimesh.creation.box((1, 0.5, 0.25))
@@ -200,6 +259,10 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
     [
         ("encode", [], "INPUT"),
         ("encode", ["a.ply"], "OUTPUT"),
+        ("encode", ["a.ply", "a.cndhf", "--check"], "leave a.cndhf out"),
+        ("encode", ["a.ply", "a.cndhf", "--json"], "--json goes with --check"),
+        ("encode", ["a.ply", "a.cndhf", "--thicken", "thick"], "thickness is 'thick'"),
+        ("encode", ["a.ply", "--check", "--thicken", "2mm"], "state it with --unit"),
         ("encode", ["a.ply", "a.cndhf", "--preset", "slow"], "slow"),
         ("encode", ["a.ply", "a.cndhf", "--width", "wide"], "wide"),
         ("encode", ["a.ply", "a.cndhf", "--width", "3"], "width is 3"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cndhf_codec.encoder import goal, settings
-from cndhf_codec.encoder.goal import ErrorGoal, parse_error, smallest_file
+from cndhf_codec.encoder.goal import Length, parse_length, smallest_file
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.errors import EncodeError, OptionError
 
@@ -13,17 +13,17 @@ from cndhf_codec.errors import EncodeError, OptionError
 @pytest.mark.parametrize(
     ("text", "unit", "expected"),
     [
-        ("0.2%", None, ErrorGoal(0.002, True)),
-        (" .5 % ", "mm", ErrorGoal(0.005, True)),
-        ("0.25", None, ErrorGoal(0.25, False)),
-        (1e-3, None, ErrorGoal(0.001, False)),
-        ("0.5mm", "mm", ErrorGoal(0.5, False)),
-        ("0.5mm", "m", ErrorGoal(0.0005, False)),
-        ("1 in", "mm", ErrorGoal(25.4, False)),
+        ("0.2%", None, Length(0.002, True)),
+        (" .5 % ", "mm", Length(0.005, True)),
+        ("0.25", None, Length(0.25, False)),
+        (1e-3, None, Length(0.001, False)),
+        ("0.5mm", "mm", Length(0.5, False)),
+        ("0.5mm", "m", Length(0.0005, False)),
+        ("1 in", "mm", Length(25.4, False)),
     ],
 )
 def test_errors_as_users_write_them(text, unit, expected):
-    got = parse_error(text, unit)
+    got = parse_length(text, unit, "target error")
     assert got.value == pytest.approx(expected.value)
     assert got.relative == expected.relative
     assert got.in_units(10) == pytest.approx(got.value * (10 if got.relative else 1))
@@ -43,7 +43,7 @@ def test_errors_as_users_write_them(text, unit, expected):
 )
 def test_what_is_not_an_error(text, unit, match):
     with pytest.raises(OptionError, match=match):
-        parse_error(text, unit)
+        parse_length(text, unit, "target error")
 
 
 def error_of(size: int, power: float = 0.9, floor: float = 0.0) -> float:

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from test_read import lumps, write_every_format
 
 from cndhf_codec import encode, loads
+from cndhf_codec.decoder.meshfile import write_mesh
 from cndhf_codec.encoder import settings
 from cndhf_codec.encoder.pipeline import encode_with_report
+from cndhf_codec.encoder.read import read_mesh
+from cndhf_codec.encoder.verify import surface_distances
 from cndhf_codec.errors import InputError, MeshError, OptionError
 
 # A fiftieth of the work of the default preset, and good to about a hundredth of the size.
@@ -138,6 +142,42 @@ def test_kinds_of_source_give_one_result(part, tmp_path):
     assert from_file.dumps() == encode(reread, "fast").dumps()
     assert from_file.dumps() == encode((reread.vertices, reread.faces), "fast").dumps()
     assert from_file.container.metadata.source is None  # only when asked
+
+
+@pytest.mark.usefixtures("tiny")
+def test_formats_give_equal_bytes(tmp_path):
+    first, *_, glb, obj = write_every_format(lumps(), tmp_path)
+    expected = encode(first, "fast").dumps()
+    assert (first.suffix, glb.suffix, obj.suffix) == (".ply", ".glb", ".obj")
+    assert encode(glb, "fast").dumps() == expected
+    assert encode(obj, "fast").dumps() == expected
+
+
+@pytest.mark.parametrize(
+    ("place", "size", "extension"), [(1e6, 1, "ply"), (1e6, 1, "glb"), (0, 1e-4, "obj"), (0, 1e6, "ply")]
+)
+def test_the_error_is_as_large_anywhere_and_in_any_unit(bracket, tmp_path, place, size, extension):
+    truth = trimesh.load(bracket)
+    truth.apply_scale(1 / truth.scale)
+    moved = trimesh.Trimesh(truth.vertices * size + [place, -place, 0], truth.faces, process=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(
+            settings.PRESETS,
+            "fast",
+            replace(SMALL, max_axes=1, width=10, steps=150, batch=512, tune_steps=100, samples=5000, rounds=1),
+        )
+        errors = []
+        for k, mesh in enumerate((truth, moved)):
+            write_mesh(mesh, tmp_path / f"in{k}.{extension}")
+            model, report = encode_with_report(tmp_path / f"in{k}.{extension}", "fast")
+            write_mesh(model.to_mesh(96), tmp_path / f"out{k}.{extension}")
+            back = read_mesh(tmp_path / f"out{k}.{extension}")
+            d = surface_distances(mesh.vertices, mesh.faces, back.vertices, back.faces, samples=20_000)
+            assert d.chamfer == pytest.approx(report.distances.chamfer, rel=0.05)
+            errors.append(d.chamfer / report.diagonal)
+    # The inputs differ by rounding, and short fits that start from such differences end a fifth apart.
+    assert 1 / 1.5 < errors[1] / errors[0] < 1.5
+    assert errors[0] < 0.02
 
 
 @pytest.mark.usefixtures("tiny")

@@ -85,6 +85,53 @@ def test_scenes_are_flattened_with_their_transforms(tmp_path, as_file):
     np.testing.assert_allclose(solid(mesh).bounds, [[-1.5] * 3, [5.5, 1.5, 1.5]])
 
 
+def lumps() -> trimesh.Trimesh:
+    """Two balls with noise, coordinates that a float32 holds."""
+    a, b = trimesh.creation.icosphere(2), trimesh.creation.icosphere(2, 0.5)
+    b.apply_translation([2, 0.25, 0])
+    mesh = trimesh.util.concatenate([a, b])
+    noise = np.random.default_rng(0).normal(size=mesh.vertices.shape) * 0.01
+    return trimesh.Trimesh((mesh.vertices + noise).astype(np.float32), mesh.faces, process=False)
+
+
+def write_obj(mesh: trimesh.Trimesh, path) -> None:
+    lines = ["v {!r} {!r} {!r}".format(*row) for row in mesh.vertices.tolist()]
+    path.write_text("\n".join([*lines, *("f {} {} {}".format(*row) for row in (mesh.faces + 1).tolist())]))
+
+
+def shuffled(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh with faces and vertices in another order, corners turned on, and some vertices twice."""
+    rng = np.random.default_rng(1)
+    soup = mesh.triangles[rng.permutation(len(mesh.faces))]
+    soup = np.stack([np.roll(t, k, axis=0) for t, k in zip(soup, rng.integers(3, size=len(soup)), strict=True)])
+    return trimesh.Trimesh(soup.reshape(-1, 3), np.arange(3 * len(soup)).reshape(-1, 3), process=False)
+
+
+def write_every_format(mesh: trimesh.Trimesh, folder) -> list:
+    """Paths of the mesh in every format, the vertices and faces of some in another order."""
+    for extension in ("ply", "glb", "stl", "off"):
+        mesh.export(folder / f"a.{extension}")
+    write_obj(mesh, folder / "a.obj")
+    shuffled(mesh).export(folder / "b.ply")
+    shuffled(mesh).export(folder / "b.glb")
+    write_obj(shuffled(mesh), folder / "b.obj")
+    return [folder / name for name in ("a.ply", "a.glb", "a.stl", "a.obj", "b.ply", "b.glb", "b.obj")]
+
+
+def test_formats_and_orders_do_not_matter(tmp_path):
+    mesh = lumps()
+    first = read_mesh(mesh)
+    for path in write_every_format(mesh, tmp_path):
+        other = read_mesh(path)
+        assert np.array_equal(other.vertices, first.vertices), path
+        assert np.array_equal(other.faces, first.faces), path
+
+
+def test_orientation_survives_the_sorting(box):
+    inverted = trimesh.Trimesh(box.vertices, box.faces[:, ::-1], process=False)
+    assert solid(read_mesh(inverted)).volume == pytest.approx(-6)
+
+
 def test_quads_in_a_file_become_triangles(tmp_path):
     path = tmp_path / "quad.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
@@ -126,6 +173,38 @@ def test_files_cut_short(tmp_path, box, extension):
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(MeshError, match=rf"cut\.{extension}: "):
         read_mesh(path)
+
+
+@pytest.mark.parametrize("extension", ["obj", "ply", "off", "glb"])
+def test_files_without_faces(tmp_path, extension):
+    content = {
+        "obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+        "ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 0\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n",
+        "off": "OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n",
+        "glb": "glTF",
+    }[extension]
+    (tmp_path / f"none.{extension}").write_text(content)
+    with pytest.raises(MeshError, match=rf"none\.{extension}: "):
+        read_mesh(tmp_path / f"none.{extension}")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("nan.obj", "v nan 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"),
+        ("inf.off", "OFF\n3 1 0\ninf 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+        ("beyond.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+        ("beyond.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"),
+        ("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\nf 1 1 2\n"),
+        ("text.ply", "Dear reader,\nthis is no mesh.\n"),
+    ],
+)
+def test_files_of_bad_meshes(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(MeshError, match=name.replace(".", r"\.")) as caught:
+        read_mesh(tmp_path / name)
+    assert "\n" not in str(caught.value)
 
 
 def test_point_clouds_and_curves(tmp_path, box):
