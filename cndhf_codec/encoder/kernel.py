@@ -20,24 +20,30 @@ F32 = npt.NDArray[np.float32]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+# Sums may be taken in another order, so that loops run on vectors.
+FREEDOMS = {"contract", "reassoc", "nsz"}
+
+
 def compiled(function: Function) -> Function:
-    """Compile for this processor. Sums may be taken in another order, so that loops run on vectors."""
-    return _compiled(function, {"contract", "reassoc", "nsz"})
-
-
-def _compiled(function: Function, freedoms: set[str]) -> Function:
+    """Compile for this processor, for calls from Python."""
     try:
-        return numba.njit(cache=True, nogil=True, fastmath=freedoms)(function)
+        return numba.njit(cache=True, nogil=True, fastmath=FREEDOMS)(function)
     except RuntimeError:  # there is no folder that a cache could be written to
-        return numba.njit(nogil=True, fastmath=freedoms)(function)
+        return numba.njit(nogil=True, fastmath=FREEDOMS)(function)
 
 
-def _in_written_order(function: Function) -> Function:
-    """As `compiled`, for what depends on the order of its sums."""
-    return _compiled(function, {"contract"})
+def inlined(function: Function) -> Function:
+    """Compile as a part of each compiled function that calls it. As a function of its own, shared by what comes from the
+    cache and what is compiled anew, it could be either's version, and its sums differ with that."""
+    return numba.njit(nogil=True, fastmath=FREEDOMS, forceinline=True)(function)
 
 
-@_in_written_order
+def _inlined_in_written_order(function: Function) -> Function:
+    """As `inlined`, for what depends on the order of its sums."""
+    return numba.njit(nogil=True, fastmath={"contract"}, forceinline=True)(function)
+
+
+@_inlined_in_written_order
 def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
     """Of z[:, :n]; to 1e-7 for |z| < 1000. Range reduction and polynomials of Moshier's Cephes library (sinf, cosf)."""
     for j in range(z.shape[0]):
@@ -58,7 +64,7 @@ def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
             cosine[j, t] = -y if (quarter + 1) & 2 else y
 
 
-@compiled
+@inlined
 def add_product(W: F32, x: F32, z: F32, n: int) -> None:
     """z[:, :n] += W x[:, :n], in blocks of 2 rows and 4 terms; the inner loops run over points."""
     rows, terms = W.shape
@@ -82,7 +88,7 @@ def add_product(W: F32, x: F32, z: F32, n: int) -> None:
                 i += 1
 
 
-@compiled
+@inlined
 def set_product_transposed(W: F32, d: F32, e: F32, n: int) -> None:
     """e[:, :n] = W^T d[:, :n]: a gradient on its way back through a layer."""
     for j in range(W.shape[1]):
@@ -91,7 +97,7 @@ def set_product_transposed(W: F32, d: F32, e: F32, n: int) -> None:
     add_product(np.ascontiguousarray(W.T), d, e, n)
 
 
-@compiled
+@inlined
 def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
     """G += d[:, :n] x[:, :n]^T, in blocks of 2 x 4."""
     zero = np.float32(0)
@@ -131,7 +137,7 @@ def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
                 i += 1
 
 
-@compiled
+@inlined
 def forward(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, xs: F32, slopes: F32) -> F32:
     """(2, TILE) heights of the first n columns of x, (2, TILE). Fills xs and slopes, (layers, width, TILE): what every
     sine layer puts out, and its cosines."""
@@ -158,7 +164,7 @@ def forward(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: i
     return y
 
 
-@compiled
+@inlined
 def backward(
     theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, xs: F32, slopes: F32, g: F32, grad: F32
 ) -> None:
@@ -259,7 +265,7 @@ def jacobian(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, si
     return out
 
 
-@compiled
+@inlined
 def evaluate(
     theta: F32,
     width: int,

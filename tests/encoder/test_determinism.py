@@ -48,3 +48,23 @@ def test_another_process_and_other_threads(files):
 def test_the_same_geometry_from_every_kind_of_file(files):
     made = {kind: encode(path, "fast", seed=3).dumps() for kind, path in files.items()}
     assert {kind for kind in made if made[kind] == made["ply"]} == set(files)
+
+
+GRADIENT = """
+import sys
+import numpy as np
+from cndhf_codec.encoder import kernel
+rng = np.random.default_rng(0)
+theta, uv, g = (rng.uniform(-0.3, 0.3, n).astype(np.float32) for n in (5 * 64 + 82, (1000, 2), (1000, 2)))
+sys.stdout.buffer.write(kernel.heights_gradient(theta, 8, 6, np.float32(30), uv, g).tobytes())
+"""
+
+
+def test_code_from_numba_s_cache_gives_the_same_as_fresh_code(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    fresh, cached = (
+        subprocess.run([sys.executable, "-c", GRADIENT], capture_output=True, env=environment, check=True).stdout
+        for _ in range(2)
+    )
+    assert any(tmp_path.rglob("*.nbc"))
+    assert fresh == cached
