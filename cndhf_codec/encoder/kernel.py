@@ -33,8 +33,8 @@ def compiled(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Compile as a part of each compiled function that calls it. As a function of its own, shared by what comes from the
-    cache and what is compiled anew, it could be either's version, and its sums differ with that."""
+    """Compile as a part of each function that calls it. As a function of its own, shared by what comes from the cache
+    and what is compiled anew, it could be either's version, and its sums differ with that."""
     return numba.njit(nogil=True, fastmath=FREEDOMS, forceinline=True)(function)
 
 
