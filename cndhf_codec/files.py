@@ -9,11 +9,18 @@ from pathlib import Path
 from .errors import InputError, OutputError
 
 
-def read_bytes(path: str | os.PathLike[str], limit: int = -1) -> bytes:
-    """The first `limit` bytes of a file (all of it by default). Raises InputError."""
+PIECE = 2**20
+
+
+def read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
+    """The first `limit` bytes of a file. Raises InputError."""
+    out = bytearray()
     try:
         with open(path, "rb") as file:
-            return file.read(limit)
+            # In pieces: one call would take memory of `limit` for the smallest of files.
+            while piece := file.read(min(PIECE, limit - len(out))):
+                out += piece
+        return bytes(out)
     except OSError as exc:
         raise InputError(f"{Path(path)}: cannot be read: {exc.strerror}") from exc
 

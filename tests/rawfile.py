@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import zstandard
 
 RECORDS, WEIGHTS, METADATA = 0x01, 0x02, 0x81
-RAW, ZSTD = 0, 1
+RAW, ZSTD, RANS = 0, 1, 2
 BOX = (-16384, 16384, -16384, 16384, -16384, 16384)
 SIZE = 18  # parameters of the smallest record below: width 2, one hidden layer
 
@@ -30,9 +30,9 @@ def record(
     return head + (bytes([20] * 2 * (hidden + 2)) if codes is None else codes)
 
 
-def frame(raw: bytes, content_size: bool = True) -> bytes:
+def frame(raw: bytes, content_size: bool = True, checksum: bool = False) -> bytes:
     """A zstd frame without its magic number, as the file holds it."""
-    return zstandard.ZstdCompressor(write_content_size=content_size).compress(raw)[4:]
+    return zstandard.ZstdCompressor(write_content_size=content_size, write_checksum=checksum).compress(raw)[4:]
 
 
 def entry(tag: int, value: bytes) -> bytes:

@@ -19,7 +19,7 @@ def names(folder) -> list[str]:
 
 def test_write_and_read(tmp_path):
     write_atomically(tmp_path / "a", b"hello", overwrite=False)
-    assert read_bytes(tmp_path / "a") == b"hello"
+    assert read_bytes(tmp_path / "a", 100) == b"hello"
     assert read_bytes(str(tmp_path / "a"), 3) == b"hel"
     assert names(tmp_path) == ["a"]
 
@@ -94,7 +94,7 @@ def test_a_name_too_long_for_the_file_system(tmp_path):
     with pytest.raises(OutputError, match="nnn: "):
         write_atomically(tmp_path / ("n" * 256), b"hello", overwrite=False)
     with pytest.raises(InputError, match="nnn: "):
-        read_bytes(tmp_path / ("n" * 256))
+        read_bytes(tmp_path / ("n" * 256), 100)
 
 
 def test_a_folder_that_may_not_be_looked_into(tmp_path, monkeypatch):
@@ -108,6 +108,6 @@ def test_a_folder_that_may_not_be_looked_into(tmp_path, monkeypatch):
 
 def test_input_that_cannot_be_read(tmp_path):
     with pytest.raises(InputError, match=r"gone: cannot be read: No such file"):
-        read_bytes(tmp_path / "gone")
+        read_bytes(tmp_path / "gone", 100)
     with pytest.raises(InputError, match=r"cannot be read: Is a directory"):
-        read_bytes(tmp_path)
+        read_bytes(tmp_path, 100)

@@ -104,6 +104,7 @@ def test_the_printed_limits_are_the_code_s(text: str) -> None:
         f"| sine layers after the first, n | 1 to {c.MAX_HIDDEN_LAYERS} |",
         f"at most {c.MAX_PARAMETERS:,} parameters",
         f"norm of the four integers {c.QUATERNION_MIN_NORM} to {c.QUATERNION_MAX_NORM}",
+        f"more than {rans.FREE_SYMBOLS:,} + {rans.MAX_SYMBOLS_A_BYTE} n symbols",
     ):
         assert sentence in text
 

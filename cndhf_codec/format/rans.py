@@ -21,7 +21,9 @@ ESCAPE = BUCKETS - 1
 RISING = 0x80  # set on the scale code of a tensor that is coded as differences
 TOTAL_BITS = 14  # frequencies of a table add up to 2^14
 LOW = 2**23  # the state lies in [LOW, 256 LOW) between symbols
-MAX_SYMBOLS_A_BYTE = 8  # a section that claims more symbols than this for each of its bytes is refused
+# A section that claims more symbols than this is refused: a small file cannot ask for much work. The first few are
+# free, since the smallest networks can be all zeros.
+FREE_SYMBOLS, MAX_SYMBOLS_A_BYTE = 1024, 4
 
 # First ratio and ratio of ratios of a Gaussian's values at steps of 1, times 2^24, for standard deviations
 # 2^(t / 4 - 2): t = 0 to 23 at 0, 1, 2, ...; t = 24 to 27 those of t - 4 at 0.5, 1.5, 2.5, ...
@@ -160,8 +162,11 @@ def encode(tensors: list[Symbols]) -> bytes:
 
 def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
     """Symbols of the tensors with these sizes, flat. Raises LimitError or PayloadError."""
-    if sum(sizes) > MAX_SYMBOLS_A_BYTE * len(body):
-        raise LimitError(f"the weights section has {len(body)} bytes for {sum(sizes)} symbols: more than 8 a byte")
+    if sum(sizes) > FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body):
+        raise LimitError(
+            f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
+            f"{MAX_SYMBOLS_A_BYTE} for each byte are allowed"
+        )
     if len(body) < len(sizes) + 4:
         raise PayloadError("the weights section ends inside its scale codes")
     codes = [c & ~RISING for c in body[: len(sizes)]]
