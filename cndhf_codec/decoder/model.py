@@ -17,6 +17,7 @@ from . import surface
 from .dhf import Dhf
 
 CHUNK = 2**16  # points evaluated at once
+FAR = 2.0**20  # normalised units; a DHF's box ends at 2
 
 
 class Model:
@@ -84,7 +85,10 @@ class Model:
         flat = array.reshape(-1, 3)
         out = np.empty(len(flat), dtype=np.float32)
         for at in range(0, len(flat), CHUNK):
-            p = ((flat[at : at + CHUNK] - self._centre) / self.container.scale).astype(np.float32)
+            with np.errstate(over="ignore"):
+                p = (flat[at : at + CHUNK] - self._centre) / self.container.scale
+            # However far a point is, it is outside: float32 must not overflow on the way to saying so.
+            p = np.clip(p, -FAR, FAR).astype(np.float32)
             f = np.full(len(p), np.inf, dtype=np.float32)
             for dhf in self._dhfs:
                 np.minimum(f, dhf.implicit(p), out=f)

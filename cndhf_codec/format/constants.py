@@ -38,6 +38,10 @@ STEPS_PER_OCTAVE = 4  # step code k stands for a quantisation step of 2^(-k / 4)
 STEP_CODE_MASK = 0x7F
 STEP_WIDE = 0x80  # set on a tensor with two bytes a symbol
 
+# Input units. Far beyond any mesh, and far from where float32 and float64 overflow.
+MAX_CENTRE = 2.0**100
+MIN_SCALE, MAX_SCALE = 2.0**-100, 2.0**100
+
 # Limits. A file that exceeds one is refused before anything is allocated.
 MAX_FILE_SIZE = 16 * 2**20
 MAX_SECTIONS = 16

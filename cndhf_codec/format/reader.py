@@ -120,10 +120,10 @@ def read_header(data: bytes) -> Header:
         raise ChecksumError("the checksum does not match: the file was damaged after it was written")
     if not 1 <= n_dhfs <= c.MAX_DHFS:
         raise LimitError(f"field n_dhfs is {n_dhfs}; 1 to {c.MAX_DHFS} are allowed")
-    if not all(math.isfinite(x) for x in (cx, cy, cz)):
-        raise FieldError("field centre is not finite")
-    if not (math.isfinite(scale) and scale > 0):
-        raise FieldError(f"field scale is {scale}; it must be finite and above zero")
+    if not all(abs(x) <= c.MAX_CENTRE for x in (cx, cy, cz)):  # false for NaN too
+        raise FieldError(f"field centre is {cx}, {cy}, {cz}; it must be finite and within {c.MAX_CENTRE:g} of the origin")
+    if not c.MIN_SCALE <= scale <= c.MAX_SCALE:
+        raise FieldError(f"field scale is {scale}; {c.MIN_SCALE:g} to {c.MAX_SCALE:g} are allowed")
     return Header((major, minor), n_dhfs, (cx, cy, cz), scale, tuple(sections))
 
 

@@ -52,7 +52,7 @@ def records(draw) -> DhfRecord:
     )
 
 
-coordinates = st.floats(-1e300, 1e300)
+coordinates = st.floats(-(2.0**100), 2.0**100)
 containers = st.builds(
     Container,
     st.tuples(coordinates, coordinates, coordinates),

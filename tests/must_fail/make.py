@@ -93,13 +93,22 @@ def headers() -> dict[str, tuple[bytes, str, str]]:
         out[f"version-{major}-{minor}"] = (data, "VersionError", f"version {major}.{minor}")
     # A newer file may have another layout: the version has to be said before anything else is looked at.
     out["version-3-0-of-another-layout"] = (build(version=(3, 0), n_sections=0)[:60], "VersionError", "version 3.0")
-    for name, value in (("nan", math.nan), ("inf", math.inf), ("minus-inf", -math.inf)):
+    for name, value in (
+        ("nan", math.nan),
+        ("inf", math.inf),
+        ("minus-inf", -math.inf),
+        ("largest-float", 1.7976931348623157e308),
+        ("below-2-100", -(2.0**100) * 1.0000001),
+    ):
         for axis in range(3):
             centre = [value if k == axis else 0.0 for k in range(3)]
-            out[f"centre-{'xyz'[axis]}-{name}"] = (build(centre=centre), "FieldError", "centre is not finite")
-        out[f"scale-{name}"] = (build(scale=value), "FieldError", "scale")
-    for name, value in (("zero", 0.0), ("minus-zero", -0.0), ("minus-one", -1.0)):
-        out[f"scale-{name}"] = (build(scale=value), "FieldError", "above zero")
+            out[f"centre-{'xyz'[axis]}-{name}"] = (build(centre=centre), "FieldError", "field centre is")
+        if not math.isfinite(value):
+            out[f"scale-{name}"] = (build(scale=value), "FieldError", "field scale is")
+    beyond = {"zero": 0.0, "minus-zero": -0.0, "minus-one": -1.0, "below-2-100": 2.0**-101, "above-2-100": 2.0**101}
+    beyond |= {"least-float": 2.0**-149, "largest-float": 3.4028234e38}
+    for name, value in beyond.items():
+        out[f"scale-{name}"] = (build(scale=value), "FieldError", "field scale is")
     return out
 
 
@@ -275,9 +284,9 @@ def must_load() -> dict[str, tuple[bytes, str]]:
         "no-metadata": (build([rec, zstd]), "metadata is optional"),
         "metadata-empty": (build([rec, zstd, (0x81, 0, b"")]), "metadata may be empty"),
         "metadata-unknown-tags": (build(sections(metadata=unknown_tags)), "unknown tags are skipped"),
-        "scale-smallest": (build(scale=2.0**-149), "the smallest float32 above zero"),
-        "scale-largest": (build(scale=3.4028234e38), "the largest float32"),
-        "centre-largest": (build(centre=(1.7976931348623157e308,) * 3), "the largest float64"),
+        "scale-smallest": (build(scale=2.0**-100), "the least scale"),
+        "scale-largest": (build(scale=2.0**100), "the largest scale"),
+        "centre-largest": (build(centre=(2.0**100, -(2.0**100), 2.0**100)), "the largest centre"),
         "quaternion-32000": (build(sections(record(quaternion=(0, 0, 0, 32000)))), "the shortest quaternion"),
         "quaternion-minus-32768": (build(sections(record(quaternion=(0, 0, 0, -32768)))), "the least int16"),
         "box-widest": (build(sections(record(box=(-32768, 32767) * 3))), "the widest box"),

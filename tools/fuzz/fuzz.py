@@ -1,0 +1,133 @@
+"""Coverage-guided fuzzing of the reader with atheris: see README.md beside this file.
+
+A finding is any exception but a FormatError, any warning, more than 64 MB of memory, more than 100 ms for a file under
+64 KB, or a file that is accepted and does not survive being written and read again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import atheris
+
+with atheris.instrument_imports(include=["cndhf_codec.format", "cndhf_codec.decoder.model"]):
+    from cndhf_codec import format as fmt
+    from cndhf_codec.decoder.model import Model
+    from cndhf_codec.errors import FormatError
+
+import measure
+import mutate
+import numpy as np
+
+HERE = Path(__file__).parent
+TESTS = HERE.parent.parent / "tests"
+SEEDS = [p.read_bytes() for name in ("golden", "must_load", "must_fail") for p in sorted((TESTS / name).glob("*.cndhf"))]
+VALID = [p.read_bytes() for name in ("golden", "must_load") for p in sorted((TESTS / name).glob("*.cndhf"))]
+
+
+def digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]  # not a CRC-32, which is the same for all that end in their own
+
+
+class Finding(Exception):
+    """What the reader must not do."""
+
+
+class Watch:
+    """What each execution costs, and the worst of them so far."""
+
+    def __init__(self) -> None:
+        self.started = time.monotonic()
+        self.executions = self.accepted = self.most = 0
+        self.slowest = 0.02  # instrumented seconds: from here on, each new record is timed without instruments
+        self.memory = measure.Peak()
+
+    def begin(self) -> None:
+        self.memory.reset()
+        self.at = time.thread_time()
+
+    def end(self, accepted: bool, data: bytes) -> None:
+        seconds, grown = time.thread_time() - self.at, self.memory.grown()
+        self.executions += 1
+        self.accepted += accepted
+        if len(data) < measure.LARGEST:
+            self.most = max(self.most, grown)
+            if grown > measure.MOST_BYTES:
+                raise Finding(f"{grown} bytes of memory")
+            if seconds > 1.1 * self.slowest:
+                self.slowest = seconds
+                self._time_without_instruments(data)
+        if self.executions % 10_000 == 0:
+            rate = self.executions / (time.monotonic() - self.started)
+            print(
+                f"watch: {self.executions} executions, {rate:.0f} a second, {self.accepted} accepted, slowest "
+                f"{1000 * self.slowest:.0f} ms (instrumented), most memory {self.most / 2**20:.1f} MiB",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def _time_without_instruments(self, data: bytes) -> None:
+        path = Path(f"slowest-{digest(data)}.cndhf")
+        path.write_bytes(data)
+        command = [sys.executable, str(HERE / "measure.py"), str(path)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        print(f"watch: slowest so far: {done.stdout.splitlines()[1:]}", file=sys.stderr, flush=True)
+        if done.returncode:
+            raise Finding(f"too slow or too large: {done.stdout} {done.stderr}")
+        path.unlink()
+
+
+watch = Watch()
+
+
+def one_input(data: bytes) -> None:
+    watch.begin()
+    try:
+        model = Model(fmt.loads(data), len(data))
+    except FormatError as exc:
+        watch.end(False, data)
+        if "\n" in str(exc):
+            raise Finding("a message of several lines") from exc
+        return
+    watch.end(True, data)
+    use(model, data)
+
+
+def use(model: Model, data: bytes) -> None:
+    """A file that is accepted answers queries, and what is written of it is the same file."""
+    if model.info["parameters"] > 20_000:
+        return
+    if not np.isfinite(model.heights(0, [[0, 0], [1e30, -1e30]])).all():
+        raise Finding("a height that is not finite")
+    if not np.isfinite(model.implicit([model.container.centre])).all():
+        raise Finding("an implicit function that is not finite")
+    if digest(data)[0] == "0":  # one in sixteen: written with the slowest zstd level
+        again = fmt.loads(fmt.dumps(model.container))
+        same = [np.array_equal(a, b) for p, q in zip(model.container.dhfs, again.dhfs, strict=True)
+                for a, b in zip(p.symbols, q.symbols, strict=True)]  # fmt: skip
+        if not all(same) or repr(again.metadata) != repr(model.container.metadata):
+            raise Finding("written and read again it is another file")
+
+
+def custom_mutator(data: bytes, most: int, seed: int) -> bytes:
+    return mutate.mutate(data, most, seed, lambda part, n: atheris.Mutate(part, min(n, most)), VALID)
+
+
+def main() -> None:
+    warnings.simplefilter("error")
+    corpus = [a for a in sys.argv[1:] if not a.startswith("-")]
+    if corpus:
+        Path(corpus[0]).mkdir(parents=True, exist_ok=True)
+        for seed in SEEDS:
+            (Path(corpus[0]) / f"seed-{digest(seed)}").write_bytes(seed)
+    atheris.Setup(sys.argv, one_input, custom_mutator=custom_mutator)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
