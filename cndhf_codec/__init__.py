@@ -12,15 +12,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .decoder.limits import Limits
     from .decoder.model import Model, load, loads
     from .encoder.pipeline import encode
     from .errors import CndhfError
 
 __version__ = "0.1.0"
-__all__ = ["CndhfError", "Model", "encode", "load", "loads"]
+__all__ = ["CndhfError", "Limits", "Model", "encode", "load", "loads"]
 
 _HOMES = {
     "CndhfError": "errors",
+    "Limits": "decoder.limits",
     "Model": "decoder.model",
     "encode": "encoder.pipeline",
     "load": "decoder.model",

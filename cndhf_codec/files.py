@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import os
 import secrets
+import time
+from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 
 from .errors import InputError, OutputError
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 
 PIECE = 2**20
@@ -41,19 +50,55 @@ def check_output(path: str | os.PathLike[str], overwrite: bool) -> None:
 
 
 def write_atomically(path: str | os.PathLike[str], data: bytes, overwrite: bool) -> None:
-    """Write to a temporary file beside `path`, then rename it: readers see the old file or the new one."""
+    """Write to a temporary file beside `path`, then rename it: readers see the old file or the new one.
+
+    A process that is killed meanwhile leaves its temporary file, `.<16 hexadecimal digits>.cndhf.tmp`; the next write
+    to that folder removes it (not on Windows, where it stays). Raises OutputError.
+    """
     check_output(path, overwrite)
     target = Path(path)
+    folder = target.absolute().parent
+    _remove_leftovers(folder)
     # Not the tempfile module: its files are private to their owner, and so would the result be. The target's
     # name is left out: together they could be longer than a name may be.
-    temporary = target.absolute().parent / f".{secrets.token_hex(8)}.cndhf.tmp"
+    temporary = folder / f".{secrets.token_hex(8)}.cndhf.tmp"
     try:
         with open(temporary, "xb") as file:
+            with suppress(OSError):  # a file system without locks: then nobody can take this for a leftover either
+                _lock(file.fileno())
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, target)
+            if fcntl is not None:  # under the lock, or else another run could take the file for a leftover
+                os.replace(temporary, target)
+        if fcntl is None:  # Windows renames no open file
+            os.replace(temporary, target)
     except OSError as exc:
         raise OutputError(f"{target}: cannot be written: {exc.strerror}") from exc
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _lock(file: int) -> None:
+    """Mark an open file as in use by this process, until it is closed. Raises OSError when another one uses it."""
+    if fcntl is not None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files of runs that were killed: those that no living process has locked."""
+    if fcntl is None:
+        return
+    with suppress(OSError):  # a folder that may be written but not listed; a file that is in use, or another's
+        for leftover in folder.glob(f".{'[0-9a-f]' * 16}.cndhf.tmp"):
+            with suppress(OSError):
+                file = os.open(leftover, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+                try:
+                    _lock(file)
+                    status = os.fstat(file)
+                    # An empty one may belong to a process that is just about to lock it.
+                    if status.st_size or time.time() - status.st_mtime > 60:
+                        leftover.unlink()
+                finally:
+                    os.close(file)

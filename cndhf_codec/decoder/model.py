@@ -15,6 +15,7 @@ from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
 from . import surface
 from .dhf import Dhf
+from .limits import Limits
 
 CHUNK = 2**16  # points evaluated at once
 FAR = 2.0**20  # normalised units; a DHF's box ends at 2
@@ -24,11 +25,14 @@ class Model:
     """A solid as the intersection of double height fields.
 
     Points go in, and surfaces and distances come out, in the coordinates and units of the mesh that was encoded.
+
+    limits: how much the file may ask for when a surface or a grid is made; set it to others at will.
     """
 
-    def __init__(self, container: fmt.Container, size: int | None = None) -> None:
+    def __init__(self, container: fmt.Container, size: int | None = None, limits: Limits | None = None) -> None:
         """size: bytes of the file that the container was read from, where it was."""
         self.container = container
+        self.limits = limits or Limits()
         self._size = size
         self._dhfs = [Dhf(record) for record in container.dhfs]
         self._centre = np.array(container.centre, dtype=np.float64)
@@ -79,16 +83,16 @@ class Model:
         """The implicit function f at points (..., 3) in input coordinates -> (...,) float32 in input units.
 
         Positive inside, zero on the surface, negative outside. f / |grad f| approximates the distance.
-        Raises OptionError when the last dimension is not 3.
+        Takes at most 32 MiB of memory, and 40 bytes a point. Raises OptionError when the last dimension is not 3.
         """
         array = _last_dimension(points, 3)
         flat = array.reshape(-1, 3)
         out = np.empty(len(flat), dtype=np.float32)
         for at in range(0, len(flat), CHUNK):
             with np.errstate(over="ignore"):
-                p = (flat[at : at + CHUNK] - self._centre) / self.container.scale
+                normalised = (flat[at : at + CHUNK] - self._centre) / self.container.scale
             # However far a point is, it is outside: float32 must not overflow on the way to saying so.
-            p = np.clip(p, -FAR, FAR).astype(np.float32)
+            p = np.clip(normalised, -FAR, FAR).astype(np.float32)
             f = np.full(len(p), np.inf, dtype=np.float32)
             for dhf in self._dhfs:
                 np.minimum(f, dhf.implicit(p), out=f)
@@ -103,10 +107,12 @@ class Model:
         """The surface as a `trimesh.Trimesh` in input coordinates: watertight, facing outward.
 
         resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048.
-        Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
+        Takes at most 512 MiB of memory, 256 bytes for each double height field and square of the resolution, and 250
+        bytes a vertex: see `limits`. Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
         """
+        self.limits.check(self.container, resolution)
         trimesh = require("trimesh", "mesh")
-        vertices, faces = surface.marching_cubes(self._dhfs, resolution)
+        vertices, faces = surface.marching_cubes(self._dhfs, resolution, self.limits)
         # process=False: merging vertices by position could weld parts of the surface that only touch.
         return trimesh.Trimesh(vertices * self.container.scale + self._centre, faces, process=False)
 
@@ -114,9 +120,11 @@ class Model:
         """In/out at the nodes of a regular grid around the solid.
 
         Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
-        coordinates, is inside. Raises OptionError or SurfaceError.
+        coordinates, is inside. Takes the memory of `to_mesh`, with 2 bytes a node in place of those of vertices.
+        Raises OptionError or SurfaceError.
         """
-        grid, origin, spacing = surface.occupancy(self._dhfs, resolution)
+        self.limits.check(self.container, resolution)
+        grid, origin, spacing = surface.occupancy(self._dhfs, resolution, self.limits)
         scale = self.container.scale
         return grid, origin * scale + self._centre, spacing * scale
 
@@ -129,18 +137,21 @@ class Model:
         write_atomically(path, self.dumps(), overwrite)
 
 
-def loads(data: bytes) -> Model:
-    """Model from the bytes of a `.cndhf` file. Raises FormatError."""
-    return Model(fmt.loads(bytes(data)), len(data))
+def loads(data: bytes, limits: Limits | None = None) -> Model:
+    """Model from the bytes of a `.cndhf` file, with `Model.limits`. Raises FormatError.
+
+    Takes at most 64 MiB of memory beyond the file's bytes.
+    """
+    return Model(fmt.loads(bytes(data)), len(data), limits)
 
 
-def load(path: str | os.PathLike[str]) -> Model:
-    """Model from a `.cndhf` file. Raises FormatError or InputError, naming the file."""
+def load(path: str | os.PathLike[str], limits: Limits | None = None) -> Model:
+    """As `loads`, from a file. Raises FormatError or InputError, naming the file."""
     data = read_bytes(path, MAX_FILE_SIZE + 1)
     try:
         if len(data) > MAX_FILE_SIZE:
             raise LimitError(f"the file has more than {MAX_FILE_SIZE} bytes, the most that the format allows")
-        return loads(data)
+        return loads(data, limits)
     except FormatError as exc:
         raise type(exc)(f"{Path(path)}: {exc}") from exc
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import OptionError, SurfaceError, require
+from ..errors import SurfaceError, require
 from .dhf import Dhf
+from .limits import Limits
 from .network import F32
 from .table import HeightTable
 
-MAX_RESOLUTION = 2048
 SLAB_POINTS = 2**22  # grid nodes held at once, unless one plane alone has more
 
 # Field values are scaled by 1 / spacing and kept between these magnitudes. The lower one keeps a surface
@@ -37,10 +38,8 @@ class Grid:
 def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTable]]:
     """A grid around the solid with `resolution` cells along its longest side, and a height table a DHF.
 
-    Raises OptionError for a resolution outside 8 to 2048 and SurfaceError when the model is empty.
+    Raises SurfaceError when the model is empty.
     """
-    if not 8 <= resolution <= MAX_RESOLUTION:
-        raise OptionError(f"resolution is {resolution}; 8 to {MAX_RESOLUTION} are allowed")
     margin = 4.0 / resolution  # first guess of the spacing: as if the solid filled the largest possible box
     lo, hi = _solid_bounds(dhfs, [HeightTable(d, margin) for d in dhfs], margin)
     # Without the margins, so that `resolution` cells span the solid; a solid smaller than them keeps a tenth.
@@ -71,10 +70,13 @@ def field_slab(
     return f.reshape(last - first, *grid.shape[1:])
 
 
-def marching_cubes(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+def marching_cubes(
+    dhfs: Sequence[Dhf], resolution: int, limits: Limits
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Vertices (N, 3) float64 in the normalised frame and triangles (M, 3), closed and facing outward.
 
-    Memory is that of the surface plus one slab of the grid. Raises SurfaceError when no node is inside.
+    Memory is that of the surface plus one slab of the grid. Raises SurfaceError when no node is inside, or the
+    surface has too many vertices.
     """
     measure = require("skimage.measure", "mesh")
     grid, tables = make_grid(dhfs, resolution)
@@ -96,6 +98,7 @@ def marching_cubes(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np
         fresh = number < 0
         number[fresh] = total + np.arange(fresh.sum())
         total += int(fresh.sum())
+        limits.count("vertices", total)
         on_last = np.flatnonzero(v[:, 0] == last - 1 - first)
         seam = number[on_last[np.lexsort(v[on_last, 1:].T)]]
         vertices.append(v[fresh].astype(np.float64) + np.array([first, 0, 0]))
@@ -106,9 +109,12 @@ def marching_cubes(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np
     return nodes * grid.spacing + grid.origin, np.concatenate(faces)
 
 
-def occupancy(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
+def occupancy(
+    dhfs: Sequence[Dhf], resolution: int, limits: Limits
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
     """Boolean (nx, ny, nz) grid of f >= 0 with the position of its first node and its spacing (normalised)."""
     grid, tables = make_grid(dhfs, resolution)
+    limits.count("nodes", math.prod(grid.shape))
     out = np.empty(grid.shape, dtype=bool)
     for first, last in _slabs(grid):
         np.greater_equal(field_slab(grid, dhfs, tables, first, last), 0, out=out[first:last])

@@ -116,12 +116,14 @@ def read_header(data: bytes) -> Header:
     if len(data) > offset + c.CRC_SIZE:
         raise TrailingDataError(f"the file has {len(data)} bytes; its header announces {offset + c.CRC_SIZE}")
     (crc,) = struct.unpack_from("<I", data, offset)
-    if zlib.crc32(data[:offset]) != crc:
+    if zlib.crc32(memoryview(data)[:offset]) != crc:
         raise ChecksumError("the checksum does not match: the file was damaged after it was written")
     if not 1 <= n_dhfs <= c.MAX_DHFS:
         raise LimitError(f"field n_dhfs is {n_dhfs}; 1 to {c.MAX_DHFS} are allowed")
     if not all(abs(x) <= c.MAX_CENTRE for x in (cx, cy, cz)):  # false for NaN too
-        raise FieldError(f"field centre is {cx}, {cy}, {cz}; it must be finite and within {c.MAX_CENTRE:g} of the origin")
+        raise FieldError(
+            f"field centre is {cx}, {cy}, {cz}; it must be finite and within {c.MAX_CENTRE:g} of the origin"
+        )
     if not c.MIN_SCALE <= scale <= c.MAX_SCALE:
         raise FieldError(f"field scale is {scale}; {c.MIN_SCALE:g} to {c.MAX_SCALE:g} are allowed")
     return Header((major, minor), n_dhfs, (cx, cy, cz), scale, tuple(sections))

@@ -26,15 +26,15 @@ import numpy as np
 
 HERE = Path(__file__).parent
 TESTS = HERE.parent.parent / "tests"
-SEEDS = [p.read_bytes() for name in ("golden", "must_load", "must_fail") for p in sorted((TESTS / name).glob("*.cndhf"))]
 VALID = [p.read_bytes() for name in ("golden", "must_load") for p in sorted((TESTS / name).glob("*.cndhf"))]
+SEEDS = [*VALID, *(p.read_bytes() for p in sorted((TESTS / "must_fail").glob("*.cndhf")))]
 
 
 def digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]  # not a CRC-32, which is the same for all that end in their own
 
 
-class Finding(Exception):
+class FindingError(Exception):
     """What the reader must not do."""
 
 
@@ -58,7 +58,7 @@ class Watch:
         if len(data) < measure.LARGEST:
             self.most = max(self.most, grown)
             if grown > measure.MOST_BYTES:
-                raise Finding(f"{grown} bytes of memory")
+                raise FindingError(f"{grown} bytes of memory")
             if seconds > 1.1 * self.slowest:
                 self.slowest = seconds
                 self._time_without_instruments(data)
@@ -78,7 +78,7 @@ class Watch:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         print(f"watch: slowest so far: {done.stdout.splitlines()[1:]}", file=sys.stderr, flush=True)
         if done.returncode:
-            raise Finding(f"too slow or too large: {done.stdout} {done.stderr}")
+            raise FindingError(f"too slow or too large: {done.stdout} {done.stderr}")
         path.unlink()
 
 
@@ -92,7 +92,7 @@ def one_input(data: bytes) -> None:
     except FormatError as exc:
         watch.end(False, data)
         if "\n" in str(exc):
-            raise Finding("a message of several lines") from exc
+            raise FindingError("a message of several lines") from exc
         return
     watch.end(True, data)
     use(model, data)
@@ -103,15 +103,15 @@ def use(model: Model, data: bytes) -> None:
     if model.info["parameters"] > 20_000:
         return
     if not np.isfinite(model.heights(0, [[0, 0], [1e30, -1e30]])).all():
-        raise Finding("a height that is not finite")
+        raise FindingError("a height that is not finite")
     if not np.isfinite(model.implicit([model.container.centre])).all():
-        raise Finding("an implicit function that is not finite")
+        raise FindingError("an implicit function that is not finite")
     if digest(data)[0] == "0":  # one in sixteen: written with the slowest zstd level
         again = fmt.loads(fmt.dumps(model.container))
         same = [np.array_equal(a, b) for p, q in zip(model.container.dhfs, again.dhfs, strict=True)
                 for a, b in zip(p.symbols, q.symbols, strict=True)]  # fmt: skip
         if not all(same) or repr(again.metadata) != repr(model.container.metadata):
-            raise Finding("written and read again it is another file")
+            raise FindingError("written and read again it is another file")
 
 
 def custom_mutator(data: bytes, most: int, seed: int) -> bytes:

@@ -166,7 +166,7 @@ def fitting_weights(parts: Parts, rng: random.Random, blind: Bytes, others: Sequ
     if not 0 < total <= 2**20:
         return
     values = np.random.default_rng(rng.randrange(2**32))
-    if rng.random() < 0.5 and total < 2000:
+    if rng.random() < 0.15 and total < 2000:  # coding takes long
         limit = rng.choice((0, 1, 3, 20, 1000, 32767))
         tensors = [values.integers(-limit, limit, n, endpoint=True).astype(np.int32) for n in sizes]
         weights[1:] = [2, rans.encode(tensors)]
@@ -202,7 +202,9 @@ def weights_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Seque
         if rng.random() < 0.4:
             body[rng.randrange(max(1, min(n, len(body))))] = rng.randrange(62)
         elif rng.random() < 0.5:
-            body[n : n + 4] = struct.pack("<I", rng.choice((0, 2**23 - 1, 2**23, 2**31 - 1, 2**31, rng.getrandbits(31))))
+            body[n : n + 4] = struct.pack(
+                "<I", rng.choice((0, 2**23 - 1, 2**23, 2**31 - 1, 2**31, rng.getrandbits(31)))
+            )
         else:
             body[n + 4 :] = blind(bytes(body[n + 4 :]), 4096)
         section[2] = bytes(body)
