@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 
+import numpy as np
 import zstandard
 
 RECORDS, WEIGHTS, METADATA = 0x01, 0x02, 0x81
@@ -65,3 +66,19 @@ def build(
     data += b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in parts)
     data += b"".join(body for _, _, body in parts)
     return data + struct.pack("<I", zlib.crc32(data))
+
+
+def noise(n_dhfs: int = 1, width: int = 8, hidden: int = 2) -> bytes:
+    """A valid file that costs as much as it can: the widest boxes, and heights that jump from node to node."""
+    rng = np.random.default_rng(0)
+    matrices = [2 * width, *[width * width] * hidden, 2 * width]
+    biases = [width] * (hidden + 1) + [2]
+    low = b""
+    for _ in range(n_dhfs):
+        for matrix, bias in zip(matrices, biases, strict=True):
+            low += rng.integers(0, 40, matrix).astype(np.uint8).tobytes()
+            # The last bias puts near below far: symbols -127 and 126 of 2^-6.
+            low += b"\xfd\xfc" if bias == 2 else rng.integers(0, 40, bias).astype(np.uint8).tobytes()
+    codes = bytes([20] * (2 * hidden + 3) + [24])
+    body = record(box=(-32768, 32767) * 3, width=width, hidden=hidden, omegas=(255, 30), codes=codes)
+    return build(sections(body * n_dhfs, frame(low)), n_dhfs=n_dhfs)
