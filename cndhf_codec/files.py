@@ -38,13 +38,16 @@ def check_output(path: str | os.PathLike[str], overwrite: bool) -> None:
     """Raise OutputError, before any work is done, when `path` could not be written at the end."""
     target = Path(path)
     try:
-        is_folder, has_folder, exists = target.is_dir(), target.absolute().parent.is_dir(), target.exists()
+        folder = target.absolute().parent
+        is_folder, has_folder, exists = target.is_dir(), folder.is_dir(), target.exists()
     except OSError as exc:  # a name too long, a folder that may not be looked into
         raise OutputError(f"{target}: cannot be written: {exc.strerror}") from exc
     if is_folder:
         raise OutputError(f"{target}: is a folder; name a file")
     if not has_folder:
         raise OutputError(f"{target}: the folder does not exist; make it first")
+    if not os.access(folder, os.W_OK):
+        raise OutputError(f"{target}: the folder may not be written to; choose another")
     if exists and not overwrite:
         raise OutputError(f"{target}: exists already; pass --overwrite (overwrite=True) to replace it")
 

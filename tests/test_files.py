@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import os
 import pathlib
+import re
+import signal
 import stat
+import subprocess
+import sys
 
 import pytest
 
@@ -104,6 +108,59 @@ def test_a_folder_that_may_not_be_looked_into(tmp_path, monkeypatch):
     monkeypatch.setattr(pathlib.Path, "is_dir", refuse)
     with pytest.raises(OutputError, match="Permission denied"):
         check_output(tmp_path / "a", overwrite=False)
+
+
+def test_a_folder_that_may_not_be_written_to_is_told_before_any_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(files.os, "access", lambda path, mode: not (path == tmp_path and mode == os.W_OK))
+    for call in (lambda: check_output(tmp_path / "a", True), lambda: write_atomically(tmp_path / "a", b"", True)):
+        with pytest.raises(OutputError, match="a: the folder may not be written to"):
+            call()
+    assert names(tmp_path) == []
+
+
+@pytest.fixture
+def killed(tmp_path):
+    """A folder with an old file `a`, and what a process leaves that is killed while it writes a new one."""
+    (tmp_path / "a").write_bytes(b"old")
+    code = "import os, sys; from cndhf_codec import files; files.os.fsync = lambda _: os.kill(os.getpid(), 9)"
+    code += "; files.write_atomically(sys.argv[1], b'new', True)"
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a")], check=False)
+    assert done.returncode == -signal.SIGKILL
+    (leftover,) = (tmp_path / n for n in names(tmp_path) if n != "a")
+    return tmp_path, leftover
+
+
+@pytest.mark.skipif(files.fcntl is None, reason="leftovers are removed where files can be locked")
+def test_the_next_write_removes_what_a_killed_one_left(killed):
+    folder, leftover = killed
+    assert re.fullmatch(r"\.[0-9a-f]{16}\.cndhf\.tmp", leftover.name)
+    assert (folder / "a").read_bytes() == b"old"
+    write_atomically(folder / "b", b"other", overwrite=False)
+    assert names(folder) == ["a", "b"]
+
+
+@pytest.mark.skipif(files.fcntl is None, reason="leftovers are removed where files can be locked")
+def test_what_another_process_is_writing_is_left_alone(killed):
+    folder, leftover = killed
+    (folder / ".0123456789abcdef.cndhf.tmp").touch()  # another process has just made this one
+    (folder / ".mine.cndhf.tmp").write_bytes(b"of another name")
+    kept = [n for n in names(folder) if n != "a"]
+    with open(leftover, "rb") as file:
+        files._lock(file.fileno())
+        write_atomically(folder / "b", b"other", overwrite=False)
+        assert names(folder) == sorted([*kept, "a", "b"])
+    write_atomically(folder / "b", b"other", overwrite=True)
+    assert leftover.name not in names(folder)
+
+
+def test_a_file_system_without_locks_is_written_to_all_the_same(tmp_path, monkeypatch):
+    def refuse(_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(files, "_lock", refuse)
+    (tmp_path / ".0123456789abcdef.cndhf.tmp").write_bytes(b"who knows whose")
+    write_atomically(tmp_path / "a", b"new", overwrite=False)
+    assert names(tmp_path) == [".0123456789abcdef.cndhf.tmp", "a"]
 
 
 def test_input_that_cannot_be_read(tmp_path):
