@@ -45,6 +45,10 @@ def corpus() -> Path:
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The `fast` preset becomes a second's work. Its models are rough: for tests that look at anything else."""
+    make_tiny(monkeypatch)
+
+
+def make_tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     from cndhf_codec.encoder import pipeline, settings
     from cndhf_codec.encoder.verify import surface_distances
 

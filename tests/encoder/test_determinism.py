@@ -1,0 +1,50 @@
+"""Equal input and seed give equal bytes: in another process, with other threads, from another kind of file."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import pytest
+import trimesh
+
+from cndhf_codec import encode
+
+# As `tiny`, in an interpreter of its own.
+ENCODE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import conftest, pytest, cndhf_codec
+conftest.make_tiny(pytest.MonkeyPatch())
+sys.stdout.buffer.write(cndhf_codec.encode(sys.argv[2], "fast", seed=3, threads=int(sys.argv[3])).dumps())
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> dict[str, Path]:
+    """One solid, with coordinates that float32 and short decimals can say, in every kind of file."""
+    folder = tmp_path_factory.mktemp("same")
+    solid = manifold3d.Manifold.cube((4, 3, 2)) - manifold3d.Manifold.cube((1, 1, 4)).translate((1, 1, -1))
+    mesh = solid.to_mesh()
+    same = trimesh.Trimesh(np.round(8 * mesh.vert_properties[:, :3]) / 8, mesh.tri_verts, process=False)
+    for kind in ("ply", "obj", "glb"):
+        same.export(folder / f"a.{kind}")
+    return {kind: folder / f"a.{kind}" for kind in ("ply", "obj", "glb")}
+
+
+@pytest.mark.usefixtures("tiny")
+def test_another_process_and_other_threads(files):
+    here = encode(files["ply"], "fast", seed=3, threads=1).dumps()
+    command = [sys.executable, "-c", ENCODE, str(Path(__file__).parent.parent), str(files["ply"]), "2"]
+    environment = {**os.environ, "PYTHONHASHSEED": "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"}
+    assert subprocess.run(command, capture_output=True, env=environment, check=True).stdout == here
+
+
+@pytest.mark.usefixtures("tiny")
+def test_the_same_geometry_from_every_kind_of_file(files):
+    made = {kind: encode(path, "fast", seed=3).dumps() for kind, path in files.items()}
+    assert {kind for kind in made if made[kind] == made["ply"]} == set(files)
