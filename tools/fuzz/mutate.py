@@ -143,7 +143,7 @@ def fresh_records(parts: Parts, rng: random.Random, blind: Bytes, others: Sequen
     section = parts.section(1)
     if section is None:
         return
-    n = rng.choice((1, 1, 2, 3, 64))
+    n = rng.choice((1, 1, 1, 2, 2, 3, 3, 64))
     body = b""
     for _ in range(n):
         width, hidden = rng.choice((1, 2, 3, 5, 8) if n > 3 else (1, 2, 8, 16, 127, 128)), rng.choice((1, 1, 2, 7, 8))
@@ -163,10 +163,10 @@ def fitting_weights(parts: Parts, rng: random.Random, blind: Bytes, others: Sequ
         return
     sizes, wide = _tensors(records[2], parts.head[3])
     total = sum(sizes)
-    if not 0 < total <= 2**20:
+    if not 0 < total <= 2**20 or (total > 5000 and rng.random() < 0.8):  # large ones take long
         return
     values = np.random.default_rng(rng.randrange(2**32))
-    if rng.random() < 0.15 and total < 2000:  # coding takes long
+    if rng.random() < 0.06 and total < 2000:  # coding takes long
         limit = rng.choice((0, 1, 3, 20, 1000, 32767))
         tensors = [values.integers(-limit, limit, n, endpoint=True).astype(np.int32) for n in sizes]
         weights[1:] = [2, rans.encode(tensors)]
