@@ -55,6 +55,21 @@ def test_decoded_values(case):
     assert {True, False} == set(model.contains(expected["points"]).tolist())
 
 
+def test_heights_keep_to_the_tolerance_of_the_specification(case):
+    # Whatever the machine: within 1e-4 of exact arithmetic (here float64) on the dequantised weights, all over the box.
+    path, _ = case
+    model = load(path)
+    for i, record in enumerate(model.container.dhfs):
+        lo, hi = record.bounds[:2].T
+        uv = lo + (hi - lo) * np.random.default_rng(i).uniform(0, 1, (3000, 2))
+        uv = uv.astype(np.float32)
+        *layers, last = zip(*[iter(t.astype(np.float64) for t in record.weights())] * 2, strict=True)
+        x, omega = uv.astype(np.float64), record.omega_first
+        for W, b in layers:
+            x, omega = np.sin(omega * (x @ W.T + b)), record.omega_hidden
+        np.testing.assert_allclose(model.heights(i, uv), x @ last[0].T + last[1], atol=1e-4, rtol=0)
+
+
 def test_writing_again_keeps_the_values(case):
     path, expected = case
     model = load(path)
