@@ -21,9 +21,9 @@ ESCAPE = BUCKETS - 1
 RISING = 0x80  # set on the scale code of a tensor that is coded as differences
 TOTAL_BITS = 14  # frequencies of a table add up to 2^14
 LOW = 2**23  # the state lies in [LOW, 256 LOW) between symbols
-# A section that claims more symbols than this is refused: a small file cannot ask for much work. The first few are
-# free, since the smallest networks can be all zeros.
-FREE_SYMBOLS, MAX_SYMBOLS_A_BYTE = 1024, 4
+# A section that claims more symbols than this is refused: a small file cannot ask for much work. The free ones are
+# for networks whose weights are nearly all zero, which real ones of that size can be.
+FREE_SYMBOLS, MAX_SYMBOLS_A_BYTE = 2**15, 4
 
 # First ratio and ratio of ratios of a Gaussian's values at steps of 1, times 2^24, for standard deviations
 # 2^(t / 4 - 2): t = 0 to 23 at 0, 1, 2, ...; t = 24 to 27 those of t - 4 at 0.5, 1.5, 2.5, ...
