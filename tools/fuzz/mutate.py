@@ -169,6 +169,7 @@ def fitting_weights(parts: Parts, rng: random.Random, blind: Bytes, others: Sequ
     if rng.random() < 0.06 and total < 2000:  # coding takes long
         limit = rng.choice((0, 1, 3, 20, 1000, 32767))
         tensors = [values.integers(-limit, limit, n, endpoint=True).astype(np.int32) for n in sizes]
+        tensors = [np.sort(abs(t)) if rng.random() < 0.3 else t for t in tensors]
         weights[1:] = [2, rans.encode(tensors)]
         if rng.random() < 0.8:
             codes = bytearray(records[2])
@@ -200,7 +201,7 @@ def weights_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Seque
         records = parts.section(1)
         n = len(_tensors(records[2], parts.head[3])[0]) if records else 6
         if rng.random() < 0.4:
-            body[rng.randrange(max(1, min(n, len(body))))] = rng.randrange(62)
+            body[rng.randrange(max(1, min(n, len(body))))] = rng.randrange(62) | rng.choice((0, 0x80))
         elif rng.random() < 0.5:
             body[n : n + 4] = struct.pack(
                 "<I", rng.choice((0, 2**23 - 1, 2**23, 2**31 - 1, 2**31, rng.getrandbits(31)))
