@@ -163,7 +163,7 @@ def fitting_weights(parts: Parts, rng: random.Random, blind: Bytes, others: Sequ
         return
     sizes, wide = _tensors(records[2], parts.head[3])
     total = sum(sizes)
-    if not 0 < total <= 2**20 or (total > 5000 and rng.random() < 0.8):  # large ones take long
+    if 0 in sizes or not 0 < total <= 2**20 or (total > 5000 and rng.random() < 0.8):  # large ones take long
         return
     values = np.random.default_rng(rng.randrange(2**32))
     if rng.random() < 0.06 and total < 2000:  # coding takes long
