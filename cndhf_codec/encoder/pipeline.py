@@ -158,8 +158,7 @@ def encode_with_report(
 
     clock("read", 1)
     prepared = prepare(source, wall)
-    mesh, norm, solid = prepared.mesh, prepared.norm, solid_or_error(prepared)
-    given = prepared.given
+    given, norm, solid = prepared.given, prepared.norm, solid_or_error(prepared)
     report.faces, report.dropped_faces, report.flipped = len(given.faces), given.dropped, prepared.flipped
     report.assumptions, report.diagonal = prepared.assumptions, prepared.diagonal
 
@@ -174,7 +173,7 @@ def encode_with_report(
                 done = encode_paper(solid, settings, seed, torch_device, threads, clock, fit_deadline)
         records, report.covered, report.visible, report.unknown = done
         if not records:
-            raise MeshError(f"{mesh.name}: no axis sees any of its surface; it does not bound a solid")
+            raise MeshError(f"{given.name}: no axis sees any of its surface; it does not bound a solid")
 
         clock("verify", 1)
         container = Container(
@@ -185,7 +184,7 @@ def encode_with_report(
             surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
         except SurfaceError as exc:
             raise EncodeError(
-                f"{mesh.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
+                f"{given.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
                 "or more time"
             ) from exc
         measured = surface_distances(*prepared.reference, norm.apply(surface.vertices), surface.faces, seed)
