@@ -9,7 +9,7 @@ import numpy as np
 from ..format import DhfRecord
 from .network import F32, Network
 
-Heights = Callable[[F32], F32]
+Heights = Callable[[F32, F32], tuple[F32, F32]]  # u, v (N,) -> near, far (N,)
 
 # The terms of the implicit function in their order, and their gradients by (u, v, z) with flat heights.
 FAR, NEAR = 0, 1
@@ -35,32 +35,35 @@ class Dhf:
         min(far - z, z - near) and the distances to the six planes of the domain box, whichever is least.
         `heights` stands in for the exact network where a table will do.
         """
-        uvz = points @ self.rotation.T
-        return self._terms(uvz, (heights or self.heights)(uvz[:, :2])).min(axis=0)
+        u, v, z = self.rotation @ points.T
+        near, far = heights(u, v) if heights else self.heights(np.column_stack([u, v])).T
+        return self.least(u, v, z, near, far)
+
+    def least(self, u: F32, v: F32, z: F32, near: F32, far: F32) -> F32:
+        """f (N,) at points of the DHF's frame, from the heights there."""
+        f = np.minimum(far - z, z - near)
+        for x, (lo, hi) in zip((u, v, z), self.bounds, strict=True):
+            np.minimum(f, x - lo, out=f)
+            np.minimum(f, hi - x, out=f)
+        return f
 
     def implicit_gradient(self, points: F32) -> tuple[F32, F32]:
         """(N, 3) float32 points of the normalised frame -> `implicit` (N,) and its gradient (N, 3) there.
 
         Where two terms of the least are equal, the gradient is that of one of them.
         """
-        uvz = points @ self.rotation.T
+        uvz = (self.rotation @ points.T).T
         lo, hi = self.bounds[:2, 0], self.bounds[:2, 1]
         heights, slopes = self.network.gradient(np.clip(uvz[:, :2], lo, hi))
         # Beyond the box the heights go on as they are at its edge.
         slopes *= ((uvz[:, :2] >= lo) & (uvz[:, :2] <= hi))[:, None, :]
-        terms = self._terms(uvz, heights)
+        z = uvz[:, 2]
+        terms = np.stack(
+            [heights[:, 1] - z, z - heights[:, 0], *(uvz - self.bounds[:, 0]).T, *(self.bounds[:, 1] - uvz).T]
+        )
         least = terms.argmin(axis=0)
         gradient = TERM_GRADIENTS[least]
         for term, k in ((FAR, 1), (NEAR, 0)):
             rows = np.flatnonzero(least == term)
             gradient[rows, :2] = slopes[rows, k] if term == FAR else -slopes[rows, k]
         return terms[least, np.arange(len(points))], gradient @ self.rotation
-
-    def _terms(self, uvz: F32, heights: F32) -> F32:
-        """(8, N): what f is the least of."""
-        terms = np.empty((8, len(uvz)), dtype=np.float32)
-        terms[FAR] = heights[:, 1] - uvz[:, 2]
-        terms[NEAR] = uvz[:, 2] - heights[:, 0]
-        terms[2:5] = (uvz - self.bounds[:, 0]).T
-        terms[5:8] = (self.bounds[:, 1] - uvz).T
-        return terms

@@ -12,7 +12,7 @@ from .parallel import over_rows
 F32 = npt.NDArray[np.float32]
 
 # Rows evaluated at once: a layer's activations stay in the processor's cache.
-CHUNK = 8192
+CHUNK = 4096
 # A chunk's product is a stack of products of at most this many multiplications, which BLAS does not share out
 # among threads of its own: they would get in the way of ours.
 PRODUCT = 2**18
