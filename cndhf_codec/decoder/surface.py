@@ -24,13 +24,18 @@ REFINED_AT_ONCE = 2**14
 NEAR = 0.5  # a DHF whose tabulated f is within this (spacings) of the least may be the least
 
 
+def check_resolution(resolution: int) -> None:
+    """Raises OptionError for a resolution outside 8 to 2048."""
+    if not 8 <= resolution <= MAX_RESOLUTION:
+        raise OptionError(f"resolution is {resolution}; 8 to {MAX_RESOLUTION} are allowed")
+
+
 def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTable]]:
     """A grid around the solid with `resolution` cells along its longest side, and a height table a DHF.
 
     Raises OptionError for a resolution outside 8 to 2048 and SurfaceError when the model is empty.
     """
-    if not 8 <= resolution <= MAX_RESOLUTION:
-        raise OptionError(f"resolution is {resolution}; 8 to {MAX_RESOLUTION} are allowed")
+    check_resolution(resolution)
     margin = 4.0 / resolution  # first guess of the spacing: as if the solid filled the largest possible box
     lo, hi = _solid_bounds(dhfs, [HeightTable(d, margin) for d in dhfs], margin)
     # Without the margins, so that `resolution` cells span the solid; a solid smaller than them keeps a tenth.

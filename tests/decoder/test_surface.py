@@ -8,14 +8,13 @@ import analytic
 import numpy as np
 import pytest
 import trimesh
-from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, slab
+from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, wavy
 from scipy.spatial import cKDTree
 from skimage import measure
 
 from cndhf_codec.decoder import band, surface
 from cndhf_codec.decoder.cubes import surface_edges
 from cndhf_codec.errors import OptionError, SurfaceError
-from cndhf_codec.format import DhfRecord
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
 
@@ -83,33 +82,6 @@ def test_a_through_hole_comes_out_of_crossing_heights():
     check_closed(mesh)
     assert mesh.euler_number == 0  # a torus
     assert not model.contains([0, 0, 0])
-
-
-def ring():
-    """far = -near = 0.75 - 0.5 (cos 2u + cos 2v): a plate with a hole where that is negative."""
-    one = 2**9
-    # With omega 2, layer 0 is sin(2u + pi/2), sin(2v + pi/2); layer 1 is about 0.1 times their sum, which is
-    # small enough for sine to be the identity.
-    w0 = np.array([[one, 0], [0, one]], np.int32)
-    b0 = np.full(2, round(math.pi / 4 * one), np.int32)
-    w1 = np.array([[round(0.05 * one), round(0.05 * one)], [0, 0]], np.int32)
-    w2 = np.array([[5 * one, 0], [-5 * one, 0]], np.int32)
-    b2 = np.array([-round(0.75 * one), round(0.75 * one)], np.int32)
-    record = DhfRecord(
-        quaternion=(0, 0, 0, 32767),
-        box=(-16384, 16384, -16384, 16384, -16384, 16384),
-        width=2,
-        hidden_layers=1,
-        omega_first=2,
-        omega_hidden=2,
-        step_codes=(36,) * 6,
-        symbols=(w0, b0, w1, np.zeros(2, np.int32), w2, b2),
-    )
-    return analytic.model(record)
-
-
-def wavy():
-    return analytic.model(analytic.waves(7), analytic.waves(8, ABOUT_Y_90))
 
 
 @pytest.mark.parametrize("make", [wavy, ring], ids=["wavy", "ring"])
