@@ -12,12 +12,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .decoder.model import Model, load, loads
+    from .decoder.model import Model, load, loads, loads_prefix
     from .encoder.pipeline import encode
     from .errors import CndhfError
 
 __version__ = "0.1.0"
-__all__ = ["CndhfError", "Model", "encode", "load", "loads"]
+__all__ = ["CndhfError", "Model", "encode", "load", "loads", "loads_prefix"]
 
 _HOMES = {
     "CndhfError": "errors",
@@ -25,6 +25,7 @@ _HOMES = {
     "encode": "encoder.pipeline",
     "load": "decoder.model",
     "loads": "decoder.model",
+    "loads_prefix": "decoder.model",
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, overload
 
@@ -192,6 +193,15 @@ class Model:
         scale = self.container.scale
         return grid, origin * scale + self._centre, spacing * scale
 
+    def prefix(self, n_dhfs: int) -> Model:
+        """The solid of the first `n_dhfs` double height fields: it holds the whole solid, and what later ones carve.
+
+        The same as `loads_prefix` gives of the file's first bytes. Raises OptionError.
+        """
+        if not 1 <= n_dhfs <= len(self._dhfs):
+            raise OptionError(f"there are no {n_dhfs} DHFs; this model has {len(self._dhfs)}")
+        return Model(replace(self.container, dhfs=self.container.dhfs[:n_dhfs], metadata=fmt.Metadata()))
+
     def dumps(self) -> bytes:
         """The bytes of the `.cndhf` file."""
         return fmt.dumps(self.container)
@@ -204,6 +214,15 @@ class Model:
 def loads(data: bytes) -> Model:
     """Model from the bytes of a `.cndhf` file. Raises FormatError."""
     return Model(fmt.loads(bytes(data)), len(data))
+
+
+def loads_prefix(data: bytes, n_dhfs: int | None = None) -> Model:
+    """Model of the first `n_dhfs` double height fields, or as many as are complete, from a file's first bytes.
+
+    For streams: call it again as bytes arrive. The checksum comes last, so that damage may go unseen here; `loads` the
+    whole file in the end. Raises FormatError (TruncatedError where more bytes are needed) or OptionError.
+    """
+    return Model(fmt.loads_prefix(bytes(data), n_dhfs))
 
 
 def load(path: str | os.PathLike[str]) -> Model:
