@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -67,3 +67,18 @@ class Dhf:
             rows = np.flatnonzero(least == term)
             gradient[rows, :2] = slopes[rows, k] if term == FAR else -slopes[rows, k]
         return terms[least, np.arange(len(points))], gradient @ self.rotation
+
+
+def implicit(dhfs: Sequence[Dhf], points: F32) -> F32:
+    """f (N,) at points (N, 3) of the normalised frame, from the networks themselves."""
+    return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
+
+
+def implicit_gradient(dhfs: Sequence[Dhf], points: F32) -> tuple[F32, F32]:
+    """f (N,) and its gradient (N, 3) at points (N, 3) of the normalised frame."""
+    f, gradient = dhfs[0].implicit_gradient(points)
+    for dhf in dhfs[1:]:
+        other, other_gradient = dhf.implicit_gradient(points)
+        less = other < f
+        f[less], gradient[less] = other[less], other_gradient[less]
+    return f, gradient

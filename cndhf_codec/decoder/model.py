@@ -15,8 +15,7 @@ from .. import format as fmt
 from ..errors import FormatError, LimitError, OptionError, SurfaceError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
-from . import solids, surface
-from .dhf import Dhf
+from .dhf import Dhf, implicit, implicit_gradient
 from .network import F32
 
 CHUNK = 2**16  # points evaluated at once
@@ -100,9 +99,9 @@ class Model:
         for at in range(0, len(flat), CHUNK):
             p = ((flat[at : at + CHUNK] - self._centre) / self.container.scale).astype(np.float32)
             if gradient:
-                f, slope[at : at + CHUNK] = surface.implicit_gradient(self._dhfs, p)
+                f, slope[at : at + CHUNK] = implicit_gradient(self._dhfs, p)
             else:
-                f = surface.implicit(self._dhfs, p)
+                f = implicit(self._dhfs, p)
             out[at : at + CHUNK] = f * np.float32(self.container.scale)
         # By input coordinates, in input units: the scale of one cancels that of the other.
         shaped = out.reshape(array.shape[:-1])
@@ -131,6 +130,8 @@ class Model:
         normals: set the mesh's vertex normals from the networks' analytic gradient.
         Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
         """
+        from . import surface  # here: a program that only asks for points should not wait for it
+
         trimesh = require("trimesh", "mesh")
         if method not in ("marching-cubes", "intersection"):
             raise OptionError(f"method is {method!r}; there are 'marching-cubes' and 'intersection'")
@@ -161,6 +162,8 @@ class Model:
         self, max_error: float | str | None, faces: int | None, resolution: int
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         """In the normalised frame."""
+        from . import solids, surface
+
         if max_error is not None and faces is not None:
             raise OptionError("give max_error or faces, not both")
         if faces is not None and faces < 4:
@@ -189,6 +192,8 @@ class Model:
         Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
         coordinates, is inside. Raises OptionError or SurfaceError.
         """
+        from . import surface
+
         grid, origin, spacing = surface.occupancy(self._dhfs, resolution)
         scale = self.container.scale
         return grid, origin * scale + self._centre, spacing * scale

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ..errors import OptionError, SurfaceError
 from .band import LOCAL, Grid, narrow_band
 from .cubes import surface_edges
-from .dhf import Dhf
+from .dhf import Dhf, implicit, implicit_gradient
 from .network import F32
 from .parallel import over_rows
 from .table import HeightTable
@@ -19,7 +19,7 @@ MAX_RESOLUTION = 2048
 CLOSEST = 1e-3  # no vertex comes closer to a node than this (spacings)
 CLOSE_ENOUGH = 0.05  # a vertex with |f| below this (spacings) takes one last step
 REFINEMENTS = 5  # steps of root finding along a vertex's edge, at most
-NEWTON_STEPS = 3  # for vertices without a crossing on their edge
+NEWTON_STEPS = 2  # for vertices without a crossing on their edge
 REFINED_AT_ONCE = 2**14
 NEAR = 0.5  # a DHF whose tabulated f is within this (spacings) of the least may be the least
 
@@ -78,21 +78,6 @@ def occupancy(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.bool
         points = (grid.origin + grid.spacing * part).astype(np.float32)
         out[tuple(part.T)] = implicit(dhfs, points) >= 0
     return out, grid.origin, grid.spacing
-
-
-def implicit(dhfs: Sequence[Dhf], points: F32) -> F32:
-    """f (N,) at points (N, 3) of the normalised frame, from the networks themselves."""
-    return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
-
-
-def implicit_gradient(dhfs: Sequence[Dhf], points: F32) -> tuple[F32, F32]:
-    """f (N,) and its gradient (N, 3) at points (N, 3) of the normalised frame."""
-    f, gradient = dhfs[0].implicit_gradient(points)
-    for dhf in dhfs[1:]:
-        other, other_gradient = dhf.implicit_gradient(points)
-        less = other < f
-        f[less], gradient[less] = other[less], other_gradient[less]
-    return f, gradient
 
 
 def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -157,25 +142,36 @@ def _crossings(
 
 def _settled(dhfs: Sequence[Dhf], points: F32, spacing: float) -> F32:
     """Points (N, 3) moved onto f = 0 by Newton's method along its gradient, by at most a spacing."""
-    best, least = points.copy(), np.full(len(points), np.inf, dtype=np.float32)
-    moved = points.copy()
-    for _ in range(NEWTON_STEPS + 1):
-        f, gradient = implicit_gradient(dhfs, moved)
+    best, moved = points.copy(), points
+    f, gradient = implicit_gradient(dhfs, points)
+    least = np.abs(f)
+    for step in range(1, NEWTON_STEPS + 1):
+        way = moved - gradient * (f / (gradient**2).sum(axis=1))[:, None] - points
+        way *= np.minimum(1, spacing / np.maximum(np.linalg.norm(way, axis=1), 1e-12))[:, None]
+        moved = points + way
+        if step < NEWTON_STEPS:
+            f, gradient = implicit_gradient(dhfs, moved)
+        else:
+            f = implicit(dhfs, moved)
         better = np.abs(f) < least
         best[better], least[better] = moved[better], np.abs(f[better])
-        moved = moved - gradient * (f / (gradient**2).sum(axis=1))[:, None]
-        way = moved - points
-        moved = points + way * np.minimum(1, spacing / np.maximum(np.linalg.norm(way, axis=1), 1e-12))[:, None]
     return best
 
 
 def _exact(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable], points: F32) -> F32:
     """f in spacings at points (N, 3), from the networks of those DHFs that it can be of, going by the tables."""
-    rough = np.stack([dhf.implicit(points, table) for dhf, table in zip(dhfs, tables, strict=True)])
-    near = rough <= rough.min(axis=0) + NEAR * grid.spacing
+    frames = [dhf.rotation @ points.T for dhf in dhfs]
+    rough = []
+    for dhf, table, (u, v, z) in zip(dhfs, tables, frames, strict=True):
+        near, far = table(u, v)
+        rough.append(dhf.least(u, v, z, near, far))
+    limit = np.minimum.reduce(rough) + np.float32(NEAR * grid.spacing)
     f = np.full(len(points), np.inf, dtype=np.float32)
-    for dhf, rows in zip(dhfs, map(np.flatnonzero, near), strict=True):
-        f[rows] = np.minimum(f[rows], dhf.implicit(points[rows]))
+    for dhf, uvz, part in zip(dhfs, frames, rough, strict=True):
+        rows = np.flatnonzero(part <= limit)
+        u, v, z = uvz.take(rows, axis=1)
+        near, far = dhf.heights(np.column_stack([u, v])).T
+        f[rows] = np.minimum(f[rows], dhf.least(u, v, z, near, far))
     return f / np.float32(grid.spacing)
 
 
