@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from pathlib import Path
 
 from .errors import InputError, OutputError
@@ -39,7 +38,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes, overwrite: bool)
     target = Path(path)
     # Not the tempfile module: its files are private to their owner, and so would the result be. The target's
     # name is left out: together they could be longer than a name may be.
-    temporary = target.absolute().parent / f".{secrets.token_hex(8)}.cndhf.tmp"
+    temporary = target.absolute().parent / f".{os.urandom(8).hex()}.cndhf.tmp"
     try:
         with open(temporary, "xb") as file:
             file.write(data)
