@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .decoder.limits import Limits
-    from .decoder.model import Model, load, loads
+    from .decoder.model import Model, load, loads, loads_prefix
     from .encoder.check import Check, check
     from .encoder.pipeline import encode
     from .errors import CndhfError
 
 __version__ = "0.1.0"
-__all__ = ["Check", "CndhfError", "Limits", "Model", "check", "encode", "load", "loads"]
+__all__ = ["Check", "CndhfError", "Limits", "Model", "check", "encode", "load", "loads", "loads_prefix"]
 
 _HOMES = {
     "Check": "encoder.check",
@@ -30,6 +30,7 @@ _HOMES = {
     "encode": "encoder.pipeline",
     "load": "decoder.model",
     "loads": "decoder.model",
+    "loads_prefix": "decoder.model",
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -64,7 +63,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes, overwrite: bool)
     _remove_leftovers(folder)
     # Not the tempfile module: its files are private to their owner, and so would the result be. The target's
     # name is left out: together they could be longer than a name may be.
-    temporary = folder / f".{secrets.token_hex(8)}.cndhf.tmp"
+    temporary = folder / f".{os.urandom(8).hex()}.cndhf.tmp"
     try:
         with open(temporary, "xb") as file:
             with suppress(OSError):  # a file system without locks: then nobody can take this for a leftover either

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -57,3 +58,30 @@ def waves(seed: int, quaternion: tuple[int, int, int, int] = NO_TURN) -> DhfReco
 
 def model(*dhfs: DhfRecord, centre: tuple[float, float, float] = (0.0, 0.0, 0.0), scale: float = 1.0) -> Model:
     return Model(Container(centre, scale, dhfs))
+
+
+def ring() -> Model:
+    """far = -near = 0.75 - 0.5 (cos 2u + cos 2v): a plate with a hole where that is negative."""
+    one = 2**9
+    # With omega 2, layer 0 is sin(2u + pi/2), sin(2v + pi/2); layer 1 is about 0.1 times their sum, which is
+    # small enough for sine to be the identity.
+    w0 = np.array([[one, 0], [0, one]], np.int32)
+    b0 = np.full(2, round(math.pi / 4 * one), np.int32)
+    w1 = np.array([[round(0.05 * one), round(0.05 * one)], [0, 0]], np.int32)
+    w2 = np.array([[5 * one, 0], [-5 * one, 0]], np.int32)
+    b2 = np.array([-round(0.75 * one), round(0.75 * one)], np.int32)
+    record = DhfRecord(
+        quaternion=(0, 0, 0, 32767),
+        box=(-16384, 16384, -16384, 16384, -16384, 16384),
+        width=2,
+        hidden_layers=1,
+        omega_first=2,
+        omega_hidden=2,
+        step_codes=(36,) * 6,
+        symbols=(w0, b0, w1, np.zeros(2, np.int32), w2, b2),
+    )
+    return model(record)
+
+
+def wavy() -> Model:
+    return model(waves(7), waves(8, ABOUT_Y_90))

@@ -54,7 +54,7 @@ def test_decoding_needs_numpy_and_zstandard_only(golden):
 def test_surfaces_need_no_encoder(golden):
     modules = loaded_by(
         "import warnings, cndhf_codec\n"
-        "warnings.simplefilter('default')\n"  # trimesh's and scikit-image's own imports
+        "warnings.simplefilter('default')\n"  # trimesh's own imports
         "cndhf_codec.load(sys.argv[1]).to_mesh(16)",
         str(golden / "encoded.cndhf"),
     )
@@ -89,7 +89,7 @@ def test_every_error_is_a_cndhf_error():
     ("gone", "use", "extra"),
     [
         ("trimesh", lambda model: model.to_mesh(16), "mesh"),
-        ("skimage.measure", lambda model: model.to_mesh(16), "mesh"),
+        ("manifold3d", lambda model: model.to_mesh(method="intersection"), "mesh"),
         ("torch", lambda model: cndhf_codec.encode("a.ply"), "encode"),
     ],
 )

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..format import DhfRecord
 from .network import F32, Network
 
-Heights = Callable[[F32], F32]
+Heights = Callable[[F32, F32], tuple[F32, F32]]  # u, v (N,) -> near, far (N,)
+
+# The terms of the implicit function in their order, and their gradients by (u, v, z) with flat heights.
+FAR, NEAR = 0, 1
+TERM_GRADIENTS = np.vstack([[0, 0, -1], [0, 0, 1], np.eye(3), -np.eye(3)]).astype(np.float32)
 
 
 class Dhf:
@@ -31,12 +35,50 @@ class Dhf:
         min(far - z, z - near) and the distances to the six planes of the domain box, whichever is least.
         `heights` stands in for the exact network where a table will do.
         """
-        uvz = points @ self.rotation.T
-        near, far = (heights or self.heights)(uvz[:, :2]).T
-        z = uvz[:, 2]
+        u, v, z = self.rotation @ points.T
+        near, far = heights(u, v) if heights else self.heights(np.column_stack([u, v])).T
+        return self.least(u, v, z, near, far)
+
+    def least(self, u: F32, v: F32, z: F32, near: F32, far: F32) -> F32:
+        """f (N,) at points of the DHF's frame, from the heights there."""
         f = np.minimum(far - z, z - near)
-        for k in range(3):
-            lo, hi = self.bounds[k]
-            np.minimum(f, uvz[:, k] - lo, out=f)
-            np.minimum(f, hi - uvz[:, k], out=f)
+        for x, (lo, hi) in zip((u, v, z), self.bounds, strict=True):
+            np.minimum(f, x - lo, out=f)
+            np.minimum(f, hi - x, out=f)
         return f
+
+    def implicit_gradient(self, points: F32) -> tuple[F32, F32]:
+        """(N, 3) float32 points of the normalised frame -> `implicit` (N,) and its gradient (N, 3) there.
+
+        Where two terms of the least are equal, the gradient is that of one of them.
+        """
+        uvz = (self.rotation @ points.T).T
+        lo, hi = self.bounds[:2, 0], self.bounds[:2, 1]
+        heights, slopes = self.network.gradient(np.clip(uvz[:, :2], lo, hi))
+        # Beyond the box the heights go on as they are at its edge.
+        slopes *= ((uvz[:, :2] >= lo) & (uvz[:, :2] <= hi))[:, None, :]
+        z = uvz[:, 2]
+        terms = np.stack(
+            [heights[:, 1] - z, z - heights[:, 0], *(uvz - self.bounds[:, 0]).T, *(self.bounds[:, 1] - uvz).T]
+        )
+        least = terms.argmin(axis=0)
+        gradient = TERM_GRADIENTS[least]
+        for term, k in ((FAR, 1), (NEAR, 0)):
+            rows = np.flatnonzero(least == term)
+            gradient[rows, :2] = slopes[rows, k] if term == FAR else -slopes[rows, k]
+        return terms[least, np.arange(len(points))], gradient @ self.rotation
+
+
+def implicit(dhfs: Sequence[Dhf], points: F32) -> F32:
+    """f (N,) at points (N, 3) of the normalised frame, from the networks themselves."""
+    return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
+
+
+def implicit_gradient(dhfs: Sequence[Dhf], points: F32) -> tuple[F32, F32]:
+    """f (N,) and its gradient (N, 3) at points (N, 3) of the normalised frame."""
+    f, gradient = dhfs[0].implicit_gradient(points)
+    for dhf in dhfs[1:]:
+        other, other_gradient = dhf.implicit_gradient(points)
+        less = other < f
+        f[less], gradient[less] = other[less], other_gradient[less]
+    return f, gradient

@@ -12,8 +12,11 @@ import numpy.typing as npt
 from ..errors import OptionError, require
 from ..files import write_atomically
 
+WITH_NORMALS = {"ply": "vertex_normal", "obj": "include_normals", "glb": "include_normals"}  # trimesh's options
 EXTENSIONS = (".ply", ".obj", ".stl", ".off", ".glb")
 FINE = 1e-6  # of the mesh's size: rounding that no one will miss
+
+F64 = npt.NDArray[np.float64]
 
 
 def check_extension(path: str | os.PathLike[str]) -> str:
@@ -24,29 +27,41 @@ def check_extension(path: str | os.PathLike[str]) -> str:
     return suffix[1:]
 
 
-def write_mesh(mesh: Any, path: str | os.PathLike[str], overwrite: bool = False) -> str | None:
-    """Write a `trimesh.Trimesh`, whole or not at all. Raises OptionError or OutputError.
+def check_normals(path: str | os.PathLike[str]) -> None:
+    """Raises OptionError when the format of a path's extension holds no vertex normals."""
+    if check_extension(path) not in WITH_NORMALS:
+        raise OptionError(f"{Path(path)}: this format holds no vertex normals; .ply, .obj and .glb do")
+
+
+def write_mesh(
+    mesh: Any, path: str | os.PathLike[str], overwrite: bool = False, with_normals: bool = False
+) -> str | None:
+    """Write a `trimesh.Trimesh`, whole or not at all; with_normals: and its vertex normals.
 
     Far from the origin, where float32 would round the coordinates by more than a millionth of the mesh's size, a PLY
     holds float64 and a GLB moves its mesh by a node's transform. Returns a line of warning where a format cannot keep
-    the precision: STL, which is float32.
+    the precision: STL, which is float32. Raises OptionError or OutputError.
     """
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
     extension = check_extension(path)
+    if with_normals:
+        check_normals(path)
+    normals = np.asarray(mesh.vertex_normals) if with_normals else None
     size = float(np.ptp(vertices, axis=0).max())
     rounding = float(np.spacing(np.float32(np.abs(vertices).max())) / 2)
     coarse = rounding > FINE * size
     warning = None
     if extension == "obj":
-        data = _obj(vertices, faces)
+        data = _obj(vertices, faces, normals)
     elif extension == "off":
         data = _off(vertices, faces)
     elif extension == "ply" and coarse:
-        data = _double_ply(vertices, faces)
+        data = _double_ply(vertices, faces, normals)
     elif extension == "glb" and coarse:
-        data = _moved_glb(vertices, faces)
+        data = _moved_glb(vertices, faces, normals)
     else:
-        data = mesh.export(file_type=extension)
+        options = {WITH_NORMALS[extension]: with_normals} if extension in WITH_NORMALS else {}
+        data = mesh.export(file_type=extension, **options)
         if coarse:
             warning = (
                 f"{Path(path)}: STL holds float32: so far from the origin positions are rounded by {rounding:.2g}; "
@@ -56,16 +71,20 @@ def write_mesh(mesh: Any, path: str | os.PathLike[str], overwrite: bool = False)
     return warning
 
 
-def _obj(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> bytes:
-    return f"{_coordinates('v ', vertices)}{_numbers('f', faces + 1)}".encode()
+def _obj(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:
+    if normals is None:
+        return f"{_coordinates('v ', vertices)}{_numbers('f', faces + 1)}".encode()
+    directions = "".join([f"vn {x:.6g} {y:.6g} {z:.6g}\n" for x, y, z in normals.tolist()])
+    corners = "".join([f"f {a}//{a} {b}//{b} {c}//{c}\n" for a, b, c in (faces + 1).tolist()])
+    return f"{_coordinates('v ', vertices)}{directions}{corners}".encode()
 
 
-def _off(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> bytes:
+def _off(vertices: F64, faces: npt.NDArray[np.int64]) -> bytes:
     head = f"OFF\n{len(vertices)} {len(faces)} 0\n"
     return f"{head}{_coordinates('', vertices)}{_numbers('3', faces)}".encode()
 
 
-def _coordinates(start: str, vertices: npt.NDArray[np.float64]) -> str:
+def _coordinates(start: str, vertices: F64) -> str:
     """Lines with as many digits as a float32 has at the origin, and more far from it."""
     far = np.log10(np.abs(vertices).max() / np.ptp(vertices, axis=0).max())
     digits = min(9 + max(0, int(np.ceil(far))), 17)
@@ -76,22 +95,25 @@ def _numbers(start: str, faces: npt.NDArray[np.int64]) -> str:
     return "".join([f"{start} {a} {b} {c}\n" for a, b, c in faces.tolist()])
 
 
-def _double_ply(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> bytes:
+def _double_ply(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:
+    names = ["x", "y", "z"] if normals is None else ["x", "y", "z", "nx", "ny", "nz"]
+    columns = vertices if normals is None else np.hstack([vertices, normals])
+    properties = "".join(f"property double {name}\n" for name in names)
     head = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n{properties}"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     records = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     records["count"], records["corners"] = 3, faces
-    return head.encode() + vertices.astype("<f8").tobytes() + records.tobytes()
+    return head.encode() + columns.astype("<f8").tobytes() + records.tobytes()
 
 
-def _moved_glb(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> bytes:
+def _moved_glb(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:
     trimesh = require("trimesh", "mesh")
     middle = vertices.min(axis=0) / 2 + vertices.max(axis=0) / 2
     scene = trimesh.Scene()
     at = np.eye(4)
     at[:3, 3] = middle
-    scene.add_geometry(trimesh.Trimesh(vertices - middle, faces, process=False), transform=at)
-    return scene.export(file_type="glb")
+    moved = trimesh.Trimesh(vertices - middle, faces, vertex_normals=normals, process=False)
+    scene.add_geometry(moved, transform=at)
+    return scene.export(file_type="glb", include_normals=normals is not None)

@@ -1,38 +1,28 @@
-"""The boundary surface of a model by marching cubes, slab by slab, and its occupancy grid."""
+"""The boundary surface of a model by marching cubes in a narrow band, and its occupancy grid."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import SurfaceError, require
-from .dhf import Dhf
+from ..errors import SurfaceError
+from .band import LOCAL, Grid, narrow_band
+from .cubes import surface_edges
+from .dhf import Dhf, implicit, implicit_gradient
 from .limits import Limits
 from .network import F32
+from .parallel import over_rows
 from .table import HeightTable
 
-SLAB_POINTS = 2**22  # grid nodes held at once, unless one plane alone has more
-
-# Field values are scaled by 1 / spacing and kept between these magnitudes. The lower one keeps a surface
-# vertex from falling on a grid node (at a cost of at most 0.01 spacings), the two together keep the
-# vertices of neighbouring edges distinct in float32.
-LEAST, MOST = 0.01, 32.0
 CLOSEST = 1e-3  # no vertex comes closer to a node than this (spacings)
-REFINEMENTS = 4  # steps of root finding along a vertex's edge
-REFINED_AT_ONCE = 2**16
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Nodes origin + spacing * (i, j, k) of the normalised frame, 0 <= (i, j, k) < shape."""
-
-    origin: npt.NDArray[np.float64]
-    spacing: float
-    shape: tuple[int, int, int]
+CLOSE_ENOUGH = 0.05  # a vertex with |f| below this (spacings) takes one last step
+REFINEMENTS = 5  # steps of root finding along a vertex's edge, at most
+NEWTON_STEPS = 2  # for vertices without a crossing on their edge
+REFINED_AT_ONCE = 2**14
+NEAR = 0.5  # a DHF whose tabulated f is within this (spacings) of the least may be the least
 
 
 def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTable]]:
@@ -48,26 +38,11 @@ def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTa
     spacing = max(size - 2 * margin, size / 10) / (resolution - 0.5)
     # Tables at half the grid's spacing: their own error then stays below that of marching cubes. The bound on
     # their nodes is out of reach of a solid that fills its domain: it keeps a speck from asking for gigabytes.
-    tables = [
-        HeightTable(d, max(spacing / 2, float(np.ptp(d.bounds[:2], axis=1).max()) / (4 * resolution))) for d in dhfs
-    ]
+    tables = [HeightTable(d, max(spacing, float(np.ptp(d.bounds[:2], axis=1).max()) / (2 * resolution))) for d in dhfs]
     lo, hi = _solid_bounds(dhfs, tables, spacing)
     shape = np.ceil((hi - lo) / spacing).astype(int) + 3
     origin = (lo + hi) / 2 - (shape - 1) / 2 * spacing
     return Grid(origin, spacing, (int(shape[0]), int(shape[1]), int(shape[2]))), tables
-
-
-def field_slab(
-    grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable], first: int, last: int
-) -> npt.NDArray[np.float32]:
-    """f at the nodes first <= i < last, shape (last - first, ny, nz), in normalised units."""
-    axes = [(grid.origin[k] + grid.spacing * np.arange(n)).astype(np.float32) for k, n in enumerate(grid.shape)]
-    axes[0] = axes[0][first:last]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    f = np.full(len(points), np.inf, dtype=np.float32)
-    for dhf, table in zip(dhfs, tables, strict=True):
-        np.minimum(f, dhf.implicit(points, table), out=f)
-    return f.reshape(last - first, *grid.shape[1:])
 
 
 def marching_cubes(
@@ -75,38 +50,19 @@ def marching_cubes(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Vertices (N, 3) float64 in the normalised frame and triangles (M, 3), closed and facing outward.
 
-    Memory is that of the surface plus one slab of the grid. Raises SurfaceError when no node is inside, or the
-    surface has too many vertices.
+    Time and memory are those of the surface. Raises SurfaceError when no node is inside, or the surface has too many
+    vertices.
     """
-    measure = require("skimage.measure", "mesh")
     grid, tables = make_grid(dhfs, resolution)
-    vertices: list[npt.NDArray[np.float64]] = []
-    faces: list[npt.NDArray[np.int64]] = []
-    total, seam = 0, np.empty(0, dtype=np.int64)  # seam: vertices on the plane shared with the next slab
-    for first, last in _slabs(grid):
-        f = field_slab(grid, dhfs, tables, first, last) / np.float32(grid.spacing)
-        f = np.where(f >= 0, np.clip(f, LEAST, MOST), np.clip(f, -MOST, -LEAST))
-        _close_border(f, first == 0, last == grid.shape[0])
-        if f.max() < 0 or f.min() > 0:
-            seam = np.empty(0, dtype=np.int64)
-            continue
-        v, t, _, _ = measure.marching_cubes(f, level=0.0, gradient_direction="ascent")
-        # Vertices on the first plane are those of the last slab's last plane: use its numbers.
-        number = np.full(len(v), -1, dtype=np.int64)
-        shared = np.flatnonzero(v[:, 0] == 0) if len(seam) else np.empty(0, dtype=np.int64)
-        number[shared[np.lexsort(v[shared, 1:].T)]] = seam
-        fresh = number < 0
-        number[fresh] = total + np.arange(fresh.sum())
-        total += int(fresh.sum())
-        limits.count("vertices", total)
-        on_last = np.flatnonzero(v[:, 0] == last - 1 - first)
-        seam = number[on_last[np.lexsort(v[on_last, 1:].T)]]
-        vertices.append(v[fresh].astype(np.float64) + np.array([first, 0, 0]))
-        faces.append(number[t])
-    if not faces:
+    band = narrow_band(grid, dhfs, tables)
+    row, edge, faces, ends = surface_edges(band)
+    limits.count("vertices", len(row))
+    if not len(faces):
         raise SurfaceError("the solid is empty or thinner than a voxel; raise the resolution")
-    nodes = _on_surface(grid, dhfs, np.concatenate(vertices))
-    return nodes * grid.spacing + grid.origin, np.concatenate(faces)
+    vertices, found = _crossings(grid, dhfs, tables, band.corners[row] + LOCAL[edge // 3], edge % 3, ends)
+    missed = np.flatnonzero(~found)
+    vertices[missed] = _settled(dhfs, vertices[missed].astype(np.float32), grid.spacing)
+    return vertices, faces
 
 
 def occupancy(
@@ -115,22 +71,14 @@ def occupancy(
     """Boolean (nx, ny, nz) grid of f >= 0 with the position of its first node and its spacing (normalised)."""
     grid, tables = make_grid(dhfs, resolution)
     limits.count("nodes", math.prod(grid.shape))
-    out = np.empty(grid.shape, dtype=bool)
-    for first, last in _slabs(grid):
-        np.greater_equal(field_slab(grid, dhfs, tables, first, last), 0, out=out[first:last])
+    out = narrow_band(grid, dhfs, tables).dense()
     # Tables are a little off where heights bend: what lies next to the surface is asked of the networks.
-    for first, last in _slabs(grid):
-        at = np.argwhere(_beside_surface(out[first:last])) + np.array([first, 0, 0])
-        for start in range(0, len(at), REFINED_AT_ONCE):
-            part = at[start : start + REFINED_AT_ONCE]
-            points = (grid.origin + grid.spacing * part).astype(np.float32)
-            out[tuple(part.T)] = _exact_field(dhfs, points) >= 0
+    at = np.argwhere(_beside_surface(out))
+    for start in range(0, len(at), REFINED_AT_ONCE):
+        part = at[start : start + REFINED_AT_ONCE]
+        points = (grid.origin + grid.spacing * part).astype(np.float32)
+        out[tuple(part.T)] = implicit(dhfs, points) >= 0
     return out, grid.origin, grid.spacing
-
-
-def _exact_field(dhfs: Sequence[Dhf], points: F32) -> F32:
-    """f at points of the normalised frame, from the networks themselves."""
-    return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
 
 
 def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -143,41 +91,89 @@ def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return out
 
 
-def _on_surface(grid: Grid, dhfs: Sequence[Dhf], vertices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Move each vertex along its grid edge to where the exact f crosses zero; positions in spacings.
+def _crossings(
+    grid: Grid,
+    dhfs: Sequence[Dhf],
+    tables: Sequence[HeightTable],
+    start: npt.NDArray[np.int32],
+    axis: npt.NDArray[np.int32],
+    ends: F32,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Where the exact f crosses zero on grid edges, (N, 3) in the normalised frame, and whether a crossing was found.
 
+    start: (N, 3) first nodes of the edges; axis: (N,) their directions; ends: (N, 2) f at both nodes, from the tables.
+    Where heights are steep, the tables may see a crossing on an edge beside that which has it.
     Marching cubes places vertices as if f were linear along an edge, which it is not across creases and
-    silhouettes: on a 256 grid that would be the largest error of the surface. Illinois' variant of the
-    false position method, which keeps the crossing bracketed.
+    silhouettes: on a 256 grid that would be the largest error of the surface. Newton's method with the slope of a
+    secant, which costs a third of the analytic one, kept in a bracket (the Illinois method).
     """
-    axis = np.abs(vertices - np.round(vertices)).argmax(axis=1)
-    direction = np.eye(3, dtype=np.float32)[axis]
-    start = np.where(direction > 0, np.floor(vertices), np.round(vertices))
-    for at in range(0, len(vertices), REFINED_AT_ONCE):
-        part = slice(at, at + REFINED_AT_ONCE)
-        origin = (grid.origin + grid.spacing * start[part]).astype(np.float32)
-        step = direction[part] * np.float32(grid.spacing)
+    out = np.empty((len(start), 3))
+    found = np.ones(len(start), dtype=bool)
 
-        def f(t: F32, origin: F32 = origin, step: F32 = step) -> F32:
-            points = origin + t[:, None] * step
-            return _exact_field(dhfs, points)
-
-        guess = (vertices[part] - start[part])[np.arange(len(origin)), axis[part]].astype(np.float32)
-        a, b = np.zeros_like(guess), np.ones_like(guess)
-        fa, fb = f(a), f(b)
-        crossing = fa * fb < 0  # the height table and the network may disagree about a node next to zero
-        t = guess
+    def work(first: int, last: int) -> None:
+        nodes = grid.origin + grid.spacing * start[first:last]
+        origin = nodes.astype(np.float32)
+        step = np.zeros_like(origin)
+        step[np.arange(len(step)), axis[first:last]] = grid.spacing
+        fa, fb = ends[first:last].T
+        a, b = np.zeros_like(fa), np.ones_like(fa)
+        t = fa / (fa - fb)
+        left = np.arange(len(t))  # those not close enough yet; what follows is theirs
+        again_a, again_b = np.zeros_like(left, dtype=bool), np.zeros_like(left, dtype=bool)  # this end stays once more
         for _ in range(REFINEMENTS):
-            ft = f(t)
-            left = (ft > 0) == (fa > 0)  # the crossing lies between t and b
-            fb = np.where(left, fb / 2, ft)
-            fa = np.where(left, ft, fa / 2)
-            a, b = np.where(left, t, a), np.where(left, b, t)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = np.where(crossing & (fa != fb), (a * fb - b * fa) / (fb - fa), guess)
-        t = np.clip(t, CLOSEST, 1 - CLOSEST)
-        vertices[part] = start[part] + t[:, None] * direction[part]
-    return vertices
+            ft = _exact(grid, dhfs, tables, origin[left] + t[left, None] * step[left])
+            above = (ft > 0) == (fa > 0)  # the crossing lies between t and b
+            fa, fb = np.where(above, ft, fa * (1 - again_a / 2)), np.where(above, fb * (1 - again_b / 2), ft)
+            a, b = np.where(above, t[left], a), np.where(above, b, t[left])
+            with np.errstate(invalid="ignore"):
+                new = (a * fb - b * fa) / (fb - fa)
+            # Both are zero where the table and the network disagree about a node next to zero.
+            t[left] = np.where(np.isfinite(new), new, t[left])
+            keep = np.abs(ft) > CLOSE_ENOUGH
+            if not keep.any():
+                left = left[:0]
+                break
+            left, fa, fb, a, b, again_a, again_b = (x[keep] for x in (left, fa, fb, a, b, ~above, above))
+        found[first + left] = False
+        out[first:last] = nodes + np.clip(t, CLOSEST, 1 - CLOSEST)[:, None] * step
+
+    over_rows(work, len(start), REFINED_AT_ONCE)
+    return out, found
+
+
+def _settled(dhfs: Sequence[Dhf], points: F32, spacing: float) -> F32:
+    """Points (N, 3) moved onto f = 0 by Newton's method along its gradient, by at most a spacing."""
+    best, moved = points.copy(), points
+    f, gradient = implicit_gradient(dhfs, points)
+    least = np.abs(f)
+    for step in range(1, NEWTON_STEPS + 1):
+        way = moved - gradient * (f / (gradient**2).sum(axis=1))[:, None] - points
+        way *= np.minimum(1, spacing / np.maximum(np.linalg.norm(way, axis=1), 1e-12))[:, None]
+        moved = points + way
+        if step < NEWTON_STEPS:
+            f, gradient = implicit_gradient(dhfs, moved)
+        else:
+            f = implicit(dhfs, moved)
+        better = np.abs(f) < least
+        best[better], least[better] = moved[better], np.abs(f[better])
+    return best
+
+
+def _exact(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable], points: F32) -> F32:
+    """f in spacings at points (N, 3), from the networks of those DHFs that it can be of, going by the tables."""
+    frames = [dhf.rotation @ points.T for dhf in dhfs]
+    rough = []
+    for dhf, table, (u, v, z) in zip(dhfs, tables, frames, strict=True):
+        near, far = table(u, v)
+        rough.append(dhf.least(u, v, z, near, far))
+    limit = np.minimum.reduce(rough) + np.float32(NEAR * grid.spacing)
+    f = np.full(len(points), np.inf, dtype=np.float32)
+    for dhf, uvz, part in zip(dhfs, frames, rough, strict=True):
+        rows = np.flatnonzero(part <= limit)
+        u, v, z = uvz.take(rows, axis=1)
+        near, far = dhf.heights(np.column_stack([u, v])).T
+        f[rows] = np.minimum(f[rows], dhf.least(u, v, z, near, far))
+    return f / np.float32(grid.spacing)
 
 
 def _solid_bounds(
@@ -186,29 +182,10 @@ def _solid_bounds(
     """Box of the normalised frame that holds the solid: the intersection of the DHFs' own boxes."""
     lo, hi = np.full(3, -np.inf), np.full(3, np.inf)
     for dhf, table in zip(dhfs, tables, strict=True):
-        corners = table.solid_corners(dhf)
-        if not len(corners):
+        box = table.solid_box(dhf)
+        if box[0][0] > box[1][0]:
             raise SurfaceError("the solid is empty at this resolution; raise it")
-        lo = np.maximum(lo, corners.min(axis=0) - margin)
-        hi = np.minimum(hi, corners.max(axis=0) + margin)
+        lo, hi = np.maximum(lo, box[0] - margin), np.minimum(hi, box[1] + margin)
     if np.any(lo >= hi):
         raise SurfaceError("the solid is empty: its double height fields do not meet")
     return lo, hi
-
-
-def _slabs(grid: Grid) -> Iterator[tuple[int, int]]:
-    """Ranges of planes that share their border plane: (0, a + 1), (a, b + 1), ..."""
-    n = grid.shape[0]
-    thickness = max(2, SLAB_POINTS // (grid.shape[1] * grid.shape[2]))
-    for first in range(0, n - 1, thickness - 1):
-        yield first, min(first + thickness, n)
-
-
-def _close_border(f: npt.NDArray[np.float32], is_first: bool, is_last: bool) -> None:
-    """Make the grid's outermost nodes empty, so that the surface closes inside the grid."""
-    f[:, [0, -1], :] = np.minimum(f[:, [0, -1], :], -LEAST)
-    f[:, :, [0, -1]] = np.minimum(f[:, :, [0, -1]], -LEAST)
-    if is_first:
-        f[0] = np.minimum(f[0], -LEAST)
-    if is_last:
-        f[-1] = np.minimum(f[-1], -LEAST)

@@ -139,7 +139,7 @@ def encode_with_report(
     if not 0 <= seed < 2**32:
         raise OptionError(f"seed is {seed}; 0 to 2^32 - 1 are allowed")
     # Named before any work is done: a library that is missing, and a name that cannot be stored.
-    for library in ("torch", "numba", "embreex", "igl", "trimesh", "skimage", "threadpoolctl"):
+    for library in ("torch", "numba", "embreex", "igl", "trimesh", "threadpoolctl"):
         require(library, "encode")
     from threadpoolctl import threadpool_limits
 

@@ -7,7 +7,9 @@ symbols rise from 0 or above is coded as its differences, without signs.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -160,15 +162,43 @@ def encode(tensors: list[Symbols]) -> bytes:
     return bytes(codes) + state.to_bytes(4, "little") + bytes(reversed(out))
 
 
+class EndedError(PayloadError):
+    """The section's bytes are used up before its symbols are complete."""
+
+
 def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
     """Symbols of the tensors with these sizes, flat. Raises LimitError or PayloadError."""
+    _check_claim(body, sizes)
+    return list(_decoded(body, sizes))
+
+
+def decode_prefix(body: bytes, sizes: list[int], first: int) -> list[Symbols]:
+    """As many of the first `first` tensors as a section that may be cut off anywhere holds. Raises PayloadError."""
+    tensors: list[Symbols] = []
+    allowed = FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body)
+    try:
+        for tensor in islice(_decoded(body, sizes), first):
+            allowed -= tensor.size
+            if allowed < 0:
+                break
+            tensors.append(tensor)
+    except EndedError:
+        pass
+    return tensors
+
+
+def _check_claim(body: bytes, sizes: list[int]) -> None:
     if sum(sizes) > FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body):
         raise LimitError(
             f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
             f"{MAX_SYMBOLS_A_BYTE} for each byte are allowed"
         )
+
+
+def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
+    """The tensors one after the other; after the last, the section's end is checked."""
     if len(body) < len(sizes) + 4:
-        raise PayloadError("the weights section ends inside its scale codes")
+        raise EndedError("the weights section ends inside its scale codes")
     codes = [c & ~RISING for c in body[: len(sizes)]]
     if max(codes) >= SCALE_CODES:
         raise PayloadError(f"a scale code of the weights section is {max(codes)}; 0 to {SCALE_CODES - 1} are allowed")
@@ -185,12 +215,11 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
         state >>= bits
         while state < LOW:
             if at == end:
-                raise PayloadError("the weights section ends inside its symbols")
+                raise EndedError("the weights section ends inside its symbols")
             state = state << 8 | body[at]
             at += 1
         return value
 
-    tensors = []
     for size, code, byte in zip(sizes, codes, body, strict=False):
         rising = byte & RISING
         low, table, starts, lookup = low_bits(code), frequencies(code), _starts(code), _lookup(code)
@@ -200,7 +229,7 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
             state = table[bucket] * (state >> TOTAL_BITS) + (state & mask) - starts[bucket]
             while state < LOW:
                 if at == end:
-                    raise PayloadError("the weights section ends inside its symbols")
+                    raise EndedError("the weights section ends inside its symbols")
                 state = state << 8 | body[at]
                 at += 1
             if bucket == ESCAPE:
@@ -212,7 +241,6 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
         flat = np.cumsum(values, dtype=np.int64) if rising else np.array(values, dtype=np.int64)
         if np.abs(flat).max() > MAX_SYMBOL:
             raise PayloadError(f"a weight symbol is beyond {MAX_SYMBOL}")
-        tensors.append(flat.astype(np.int32))
+        yield flat.astype(np.int32)
     if state != LOW or at != end:
         raise PayloadError("the weights section goes on after its last symbol, or is damaged")
-    return tensors

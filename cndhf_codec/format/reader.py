@@ -14,6 +14,7 @@ from ..errors import (
     ChecksumError,
     FieldError,
     LimitError,
+    OptionError,
     PayloadError,
     SectionError,
     SignatureError,
@@ -51,40 +52,61 @@ class Header:
 def loads(data: bytes) -> Container:
     """Parse and check a whole file. Raises a subclass of FormatError that names what is wrong."""
     header = read_header(data)
-    for section in header.sections:
-        known = section.kind in (c.KIND_RECORDS, c.KIND_WEIGHTS, c.KIND_METADATA)
-        if not known and not section.kind & c.OPTIONAL:
-            raise SectionError(f"section kind {section.kind} is mandatory and unknown to this decoder")
-    records = _sole(header, c.KIND_RECORDS, (c.CODEC_RAW,), "records")
-    weights = _sole(header, c.KIND_WEIGHTS, (c.CODEC_ZSTD, c.CODEC_RANS), "weights")
-    assert records is not None
-    assert weights is not None
-    meta = _sole(header, c.KIND_METADATA, (c.CODEC_RAW,), "metadata", optional=True)
-
+    records, weights, meta = _sections(header)
     drafts = _read_records(_body(data, records), header.n_dhfs)
     read = _read_zstd if weights.codec == c.CODEC_ZSTD else _read_rans
-    symbols = _by_dhf(read(_body(data, weights), drafts), drafts)
-    dhfs = tuple(
-        DhfRecord(
-            quaternion=d.quaternion,
-            box=d.box,
-            width=d.width,
-            hidden_layers=d.hidden_layers,
-            omega_first=d.omega_first,
-            omega_hidden=d.omega_hidden,
-            step_codes=tuple(code & c.STEP_CODE_MASK for code in d.codes),
-            symbols=s,
-            role=d.role,
-            part=d.part,
-        )
-        for d, s in zip(drafts, symbols, strict=True)
-    )
+    dhfs = _records(drafts, read(_body(data, weights), drafts))
     metadata = Metadata() if meta is None else _read_metadata(_body(data, meta))
     return Container(header.centre, header.scale, dhfs, metadata, weights.codec)
 
 
+def loads_prefix(data: bytes, n_dhfs: int | None = None) -> Container:
+    """The first `n_dhfs` DHFs, or as many as there are, of a file of which only the first bytes are at hand.
+
+    The records must be complete and come before the weights, as the writer has them, and codec 2 is needed: with codec
+    1 nothing can be had before all of it. All fields of what is used are checked; the checksum, which comes
+    last, is not, so damage may go unseen. Metadata is left out: its errors are those of the whole solid.
+    Raises a subclass of FormatError: TruncatedError when the bytes do not hold one DHF, or not `n_dhfs`.
+    """
+    header = _read_head(data)
+    _check_head(header)
+    records, weights, _ = _sections(header)
+    if weights.codec != c.CODEC_RANS:
+        raise SectionError(f"the weights section has codec {weights.codec}; only codec 2 can be read from its start on")
+    if weights.offset < records.offset:
+        raise SectionError("the weights section comes before the records, so that it cannot be read from its start on")
+    if len(data) < records.offset + records.length:
+        raise TruncatedError(f"the file ends after {len(data)} bytes, before or inside its records")
+    drafts = _read_records(_body(data, records), header.n_dhfs)
+    wanted = len(drafts) if n_dhfs is None else n_dhfs
+    if not 1 <= wanted <= len(drafts):
+        raise OptionError(f"there are no {wanted} DHFs; the file has {len(drafts)}")
+    ends = np.cumsum([len(d.sizes()) for d in drafts[:wanted]])
+    tensors = rans.decode_prefix(_body(data, weights), _rans_sizes(drafts), int(ends[-1]))
+    count = int(np.count_nonzero(ends <= len(tensors)))
+    if count == 0 or (n_dhfs is not None and count < wanted):
+        raise TruncatedError(f"the file ends after {len(data)} bytes, before DHF {count} is complete")
+    return Container(header.centre, header.scale, _records(drafts[:count], tensors), Metadata(), weights.codec)
+
+
 def read_header(data: bytes) -> Header:
     """Signature, version, checksum, counts, normalisation and section table; nothing is decompressed."""
+    header = _read_head(data)
+    last = header.sections[-1]
+    offset = last.offset + last.length
+    if len(data) < offset + c.CRC_SIZE:
+        raise TruncatedError(f"the file has {len(data)} bytes; its header announces {offset + c.CRC_SIZE}")
+    if len(data) > offset + c.CRC_SIZE:
+        raise TrailingDataError(f"the file has {len(data)} bytes; its header announces {offset + c.CRC_SIZE}")
+    (crc,) = struct.unpack_from("<I", data, offset)
+    if zlib.crc32(memoryview(data)[:offset]) != crc:
+        raise ChecksumError("the checksum does not match: the file was damaged after it was written")
+    _check_head(header)
+    return header
+
+
+def _read_head(data: bytes) -> Header:
+    """The header and the section table, before the checksum is known to be right."""
     _check_signature(data)
     if len(data) < c.HEADER_SIZE + c.CRC_SIZE:
         raise TruncatedError(f"the file ends after {len(data)} bytes, inside the header")
@@ -111,22 +133,32 @@ def read_header(data: bytes) -> Header:
         kind, codec, length = struct.unpack_from("<BBI", data, c.HEADER_SIZE + i * c.TABLE_ENTRY_SIZE)
         sections.append(Section(kind, codec, offset, length))
         offset += length
-    if len(data) < offset + c.CRC_SIZE:
-        raise TruncatedError(f"the file has {len(data)} bytes; its header announces {offset + c.CRC_SIZE}")
-    if len(data) > offset + c.CRC_SIZE:
-        raise TrailingDataError(f"the file has {len(data)} bytes; its header announces {offset + c.CRC_SIZE}")
-    (crc,) = struct.unpack_from("<I", data, offset)
-    if zlib.crc32(memoryview(data)[:offset]) != crc:
-        raise ChecksumError("the checksum does not match: the file was damaged after it was written")
-    if not 1 <= n_dhfs <= c.MAX_DHFS:
-        raise LimitError(f"field n_dhfs is {n_dhfs}; 1 to {c.MAX_DHFS} are allowed")
-    if not all(abs(x) <= c.MAX_CENTRE for x in (cx, cy, cz)):  # false for NaN too
+    return Header((major, minor), n_dhfs, (cx, cy, cz), scale, tuple(sections))
+
+
+def _check_head(header: Header) -> None:
+    if not 1 <= header.n_dhfs <= c.MAX_DHFS:
+        raise LimitError(f"field n_dhfs is {header.n_dhfs}; 1 to {c.MAX_DHFS} are allowed")
+    if not all(abs(x) <= c.MAX_CENTRE for x in header.centre):  # false for NaN too
+        cx, cy, cz = header.centre
         raise FieldError(
             f"field centre is {cx}, {cy}, {cz}; it must be finite and within {c.MAX_CENTRE:g} of the origin"
         )
-    if not c.MIN_SCALE <= scale <= c.MAX_SCALE:
-        raise FieldError(f"field scale is {scale}; {c.MIN_SCALE:g} to {c.MAX_SCALE:g} are allowed")
-    return Header((major, minor), n_dhfs, (cx, cy, cz), scale, tuple(sections))
+    if not c.MIN_SCALE <= header.scale <= c.MAX_SCALE:
+        raise FieldError(f"field scale is {header.scale}; {c.MIN_SCALE:g} to {c.MAX_SCALE:g} are allowed")
+
+
+def _sections(header: Header) -> tuple[Section, Section, Section | None]:
+    """Records, weights, metadata."""
+    for section in header.sections:
+        known = section.kind in (c.KIND_RECORDS, c.KIND_WEIGHTS, c.KIND_METADATA)
+        if not known and not section.kind & c.OPTIONAL:
+            raise SectionError(f"section kind {section.kind} is mandatory and unknown to this decoder")
+    records = _sole(header, c.KIND_RECORDS, (c.CODEC_RAW,), "records")
+    weights = _sole(header, c.KIND_WEIGHTS, (c.CODEC_ZSTD, c.CODEC_RANS), "weights")
+    assert records is not None
+    assert weights is not None
+    return records, weights, _sole(header, c.KIND_METADATA, (c.CODEC_RAW,), "metadata", optional=True)
 
 
 @dataclass(frozen=True)
@@ -214,15 +246,33 @@ def _check_draft(d: _Draft, i: int) -> None:
         raise FieldError(f"DHF {i}: field omega is zero")
 
 
-def _by_dhf(tensors: list[Symbols], drafts: list[_Draft]) -> list[tuple[Symbols, ...]]:
+def _records(drafts: list[_Draft], tensors: list[Symbols]) -> tuple[DhfRecord, ...]:
     rest = iter(tensors)
-    return [tuple(next(rest).reshape(shape) for shape in tensor_shapes(d.width, d.hidden_layers)) for d in drafts]
+    return tuple(
+        DhfRecord(
+            quaternion=d.quaternion,
+            box=d.box,
+            width=d.width,
+            hidden_layers=d.hidden_layers,
+            omega_first=d.omega_first,
+            omega_hidden=d.omega_hidden,
+            step_codes=tuple(code & c.STEP_CODE_MASK for code in d.codes),
+            symbols=tuple(next(rest).reshape(shape) for shape in tensor_shapes(d.width, d.hidden_layers)),
+            role=d.role,
+            part=d.part,
+        )
+        for d in drafts
+    )
+
+
+def _rans_sizes(drafts: list[_Draft]) -> list[int]:
+    if any(code & c.STEP_WIDE for d in drafts for code in d.codes):
+        raise FieldError("a step byte has bit 7 set, which codec 2 of the weights section does not use")
+    return [n for d in drafts for n in d.sizes()]
 
 
 def _read_rans(body: bytes, drafts: list[_Draft]) -> list[Symbols]:
-    if any(code & c.STEP_WIDE for d in drafts for code in d.codes):
-        raise FieldError("a step byte has bit 7 set, which codec 2 of the weights section does not use")
-    return rans.decode(body, [n for d in drafts for n in d.sizes()])
+    return rans.decode(body, _rans_sizes(drafts))
 
 
 def _read_zstd(body: bytes, drafts: list[_Draft]) -> list[Symbols]:

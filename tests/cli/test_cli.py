@@ -102,6 +102,63 @@ def test_decode_to_every_extension(run, model, tmp_path, extension):
     np.testing.assert_allclose(mesh.bounds, expected.bounds, atol=1e-4)
 
 
+def test_decode_by_intersection(run, model, tmp_path):
+    fine, coarse = tmp_path / "fine.ply", tmp_path / "coarse.ply"
+    assert run("decode", model, fine, "--method", "intersection", "--max-error", "0.1%")[0] == 0
+    assert run("decode", model, coarse, "--method", "intersection", "--faces", "3000")[0] == 0
+    meshes = [trimesh.load(path, process=False) for path in (fine, coarse)]
+    assert all(mesh.is_watertight for mesh in meshes)
+    assert 1500 < len(meshes[1].faces) <= 3000 < len(meshes[0].faces)
+    assert meshes[0].volume == pytest.approx(load(model).to_mesh(64).volume, rel=0.01)
+
+
+def test_a_fall_back_is_one_line(run, model, tmp_path, monkeypatch):
+    from cndhf_codec.decoder import solids
+    from cndhf_codec.errors import SurfaceError
+
+    def fail(*_):
+        raise SurfaceError("manifold3d refuses the intersection (NotManifold)")
+
+    monkeypatch.setattr(solids, "intersection", fail)
+    options = ["--method", "intersection", "--resolution", "16", "--quiet"]
+    code, out, err = run("decode", model, tmp_path / "a.ply", *options)
+    assert (code, out) == (0, "")
+    assert err.startswith("cndhf-decode: warning: ")
+    assert "marching cubes" in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("extension", ["ply", "obj", "glb"])
+def test_normals_are_written(run, model, tmp_path, extension):
+    plain, target = tmp_path / f"plain.{extension}", tmp_path / f"a.{extension}"
+    assert run("decode", model, plain, "--resolution", "16")[0] == 0
+    assert run("decode", model, target, "--resolution", "16", "--normals")[0] == 0
+    mesh = load(model).to_mesh(16, normals=True)
+    assert target.stat().st_size > plain.stat().st_size + 10 * len(mesh.vertices)
+    np.testing.assert_allclose(stored_normals(target), mesh.vertex_normals, atol=1e-4)
+
+
+def stored_normals(path: Path):
+    """As the file has them: trimesh computes its own when it loads one."""
+    if path.suffix == ".obj":
+        return np.array([x.split()[1:] for x in path.read_text("utf-8").splitlines() if x.startswith("vn ")], float)
+    if path.suffix == ".ply":
+        vertices = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
+        return np.column_stack([vertices[k] for k in ("nx", "ny", "nz")])
+    data = path.read_bytes()
+    length = int.from_bytes(data[12:16], "little")
+    head = json.loads(data[20 : 20 + length])
+    accessor = head["accessors"][head["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]
+    view = head["bufferViews"][accessor["bufferView"]]
+    start = 28 + length + view.get("byteOffset", 0)
+    return np.frombuffer(data[start : start + view["byteLength"]], "<f4").reshape(-1, 3)
+
+
+@pytest.mark.parametrize("extension", ["stl", "off"])
+def test_formats_without_normals(fails, model, tmp_path, extension):
+    assert "no vertex normals" in fails(2, "decode", model, tmp_path / f"a.{extension}", "--normals")
+
+
 def test_decode_to_an_occupancy_grid(run, model, tmp_path):
     target = tmp_path / "grid.npz"
     code, out, err = run("decode", model, "--occupancy", target, "--resolution", "20")
@@ -303,7 +360,6 @@ def test_help_and_version(run, name):
         ("encode", "trimesh", "encode"),
         ("encode", "embreex", "encode"),
         ("decode", "trimesh", "mesh"),
-        ("decode", "skimage", "mesh"),
     ],
 )
 def test_missing_extra(model, box, tmp_path, name, gone, extra):

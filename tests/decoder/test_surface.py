@@ -7,12 +7,14 @@ import math
 import analytic
 import numpy as np
 import pytest
-from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, slab
+import trimesh
+from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, wavy
 from scipy.spatial import cKDTree
+from skimage import measure
 
-from cndhf_codec.decoder import surface
+from cndhf_codec.decoder import band, surface
+from cndhf_codec.decoder.cubes import surface_edges
 from cndhf_codec.errors import OptionError, SurfaceError
-from cndhf_codec.format import DhfRecord
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
 
@@ -82,49 +84,78 @@ def test_a_through_hole_comes_out_of_crossing_heights():
     assert not model.contains([0, 0, 0])
 
 
-def ring():
-    """far = -near = 0.75 - 0.5 (cos 2u + cos 2v): a plate with a hole where that is negative."""
-    one = 2**9
-    # With omega 2, layer 0 is sin(2u + pi/2), sin(2v + pi/2); layer 1 is about 0.1 times their sum, which is
-    # small enough for sine to be the identity.
-    w0 = np.array([[one, 0], [0, one]], np.int32)
-    b0 = np.full(2, round(math.pi / 4 * one), np.int32)
-    w1 = np.array([[round(0.05 * one), round(0.05 * one)], [0, 0]], np.int32)
-    w2 = np.array([[5 * one, 0], [-5 * one, 0]], np.int32)
-    b2 = np.array([-round(0.75 * one), round(0.75 * one)], np.int32)
-    record = DhfRecord(
-        quaternion=(0, 0, 0, 32767),
-        box=(-16384, 16384, -16384, 16384, -16384, 16384),
-        width=2,
-        hidden_layers=1,
-        omega_first=2,
-        omega_hidden=2,
-        step_codes=(36,) * 6,
-        symbols=(w0, b0, w1, np.zeros(2, np.int32), w2, b2),
-    )
-    return analytic.model(record)
+@pytest.mark.parametrize("make", [wavy, ring], ids=["wavy", "ring"])
+def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make):
+    model = make()
+    mesh, occupied = model.to_mesh(60), model.occupancy(60)[0]
+    looked_at = []
+    original = band.dhf_bounds
+
+    def unbounded(dhf, bounds, centres, half):
+        looked_at.append(len(centres))
+        lower, upper = original(dhf, bounds, centres, half)
+        return np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
+
+    monkeypatch.setattr(band, "dhf_bounds", unbounded)
+    dense = model.to_mesh(60)
+    assert np.array_equal(mesh.vertices, dense.vertices)
+    assert np.array_equal(mesh.faces, dense.faces)
+    assert np.array_equal(occupied, model.occupancy(60)[0])
 
 
-def wavy():
-    return analytic.model(analytic.waves(7), analytic.waves(8, ABOUT_Y_90))
+def test_the_band_grows_with_the_surface():
+    bricks = []
+    for resolution in (64, 128, 256):
+        grid, tables = surface.make_grid(wavy()._dhfs, resolution)
+        bricks.append(len(band.narrow_band(grid, wavy()._dhfs, tables).values))
+    assert bricks[1] < 5 * bricks[0]
+    assert bricks[2] < 5 * bricks[1]
+    assert bricks[2] * 64 < 0.15 * np.prod(grid.shape)
 
 
-def test_slabs_join_into_the_mesh_of_one_slab(monkeypatch):
-    whole = wavy().to_mesh(24)
-    monkeypatch.setattr(surface, "SLAB_POINTS", 1)  # two planes at a time
-    parts = wavy().to_mesh(24)
-    assert whole.is_watertight
-    assert parts.is_watertight
-    assert len(whole.vertices) == len(parts.vertices)
-    distance, number = cKDTree(whole.vertices).query(parts.vertices)
-    assert distance.max() < 1e-6
-    assert len(np.unique(number)) == len(number)
-    assert triangles(whole.faces) == triangles(number[parts.faces])
+def test_marching_cubes_agrees_with_scikit_image():
+    dhfs = wavy()._dhfs
+    grid, tables = surface.make_grid(dhfs, 50)
+    nodes = grid.origin + grid.spacing * np.stack(np.indices(grid.shape), axis=-1)
+    points = nodes.reshape(-1, 3).astype(np.float32)
+    f = np.minimum.reduce([d.implicit(points, t) for d, t in zip(dhfs, tables, strict=True)]).reshape(grid.shape)
+    vertices, faces, *_ = measure.marching_cubes(f, level=0.0, gradient_direction="ascent")
+    theirs = trimesh.Trimesh(vertices * grid.spacing + grid.origin, faces, process=False)
+    ours = wavy().to_mesh(50)
+    # A vertex for each edge of the grid that changes sign, however the cells are triangulated.
+    inside = f >= 0
+    assert len(ours.vertices) == sum(np.count_nonzero(np.diff(inside, axis=k)) for k in range(3))
+    assert ours.euler_number == theirs.euler_number
+    assert ours.volume == pytest.approx(theirs.volume, rel=2e-3)
+    distance = cKDTree(theirs.vertices).query(ours.vertices)[0]
+    assert np.percentile(distance, 95) < 0.2 * grid.spacing
 
 
-def triangles(faces) -> set[tuple[int, ...]]:
-    """Each triangle from its lowest vertex on, so that only the orientation matters."""
-    return {tuple(int(x) for x in np.roll(f, -int(np.argmin(f)))) for f in faces}
+def test_any_signs_give_a_closed_surface():
+    # Noise: all cases of a cell come up, next to one another.
+    n = 24
+    rng = np.random.default_rng(0)
+    shape = (n // band.BLOCK + 1,) * 3
+    blocks = np.full([k + 1 for k in shape], band.OUTSIDE, np.int32)
+    blocks[:-1, :-1, :-1] = np.arange(2, 2 + np.prod(shape)).reshape(shape)
+    bricks = np.concatenate([np.full((2, 64), [[0], [1]]), np.arange(2, 2 + 64 * np.prod(shape)).reshape(-1, 64)])
+    corners = (np.argwhere(np.ones(shape))[:, None] * band.BLOCK + band.LOCAL * band.BRICK).reshape(-1, 3)
+    values = rng.choice([-1, 1], (2 + len(corners), 64)).astype(np.float32)
+    border = np.any((corners[:, None] + band.LOCAL == 0) | (corners[:, None] + band.LOCAL >= n - 1), axis=-1)
+    values[2:][border] = -1
+    values[band.OUTSIDE] = -1
+    corners = np.concatenate([np.zeros((2, 3)), corners]).astype(np.int32)
+    noise = band.Band(band.Grid(np.zeros(3), 1.0, (n, n, n)), corners, values, blocks, bricks.astype(np.int32))
+    row, edge, faces, ends = surface_edges(noise)
+    assert len(np.unique(row.astype(np.int64) * 192 + edge)) == len(row)
+    assert np.all(ends[:, 0] * ends[:, 1] < 0)
+    vertices = corners[row] + band.LOCAL[edge // 3] + 0.5 * np.eye(3)[edge % 3]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    # Signs are as often one as the other, and so is the space.
+    assert mesh.volume == pytest.approx((n - 2) ** 3 / 2, rel=0.2)
+    assert noise.dense().sum() == (values[2:] > 0).sum()
 
 
 def test_vertices_lie_on_the_surface():
@@ -167,13 +198,6 @@ def test_occupancy_of_a_box_has_its_place_and_volume():
     np.testing.assert_allclose(inside.max(axis=0), HI * 2 + [7, 8, 9], atol=spacing)
     assert spacing == pytest.approx(1.5 / 60, rel=0.05)
     assert grid.sum() * spacing**3 == pytest.approx(np.prod(2 * (HI - LO)), rel=0.1)
-
-
-def test_occupancy_in_slabs(monkeypatch):
-    whole, _, _ = wavy().occupancy(24)
-    monkeypatch.setattr(surface, "SLAB_POINTS", 1)
-    parts, _, _ = wavy().occupancy(24)
-    assert np.mean(whole != parts) < 1e-3
 
 
 @pytest.mark.parametrize("resolution", [-1, 0, 7, 2049])

@@ -1,0 +1,173 @@
+"""The narrow band: f on a regular grid, evaluated only where the surface can be.
+
+The grid is divided into blocks of 16^3 nodes and those into bricks of 4^3. A block that f provably has one sign in and
+around is not looked into: its share of the cost is one bound a DHF. So time and memory grow with the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .dhf import Dhf
+from .network import F32
+from .parallel import over_rows
+from .table import HeightBounds, HeightTable
+
+I32 = npt.NDArray[np.int32]
+
+BLOCK, BRICK = 16, 4  # nodes along a side
+CHILDREN = BLOCK // BRICK
+OUTSIDE, INSIDE = 0, 1  # rows of values that stand for all bricks without surface
+
+# Field values, in spacings, are kept between these magnitudes. The lower one keeps a surface vertex from
+# falling on a grid node, the upper one lets a DHF be left out where it is not near its surface.
+LEAST, MOST = 0.01, 4.0
+BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**14, 2**9
+
+# The nodes of a brick, (64, 3), last index fastest.
+LOCAL = np.indices((BRICK,) * 3, dtype=np.int32).reshape(3, -1).T
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes origin + spacing * (i, j, k) of the normalised frame, 0 <= (i, j, k) < shape."""
+
+    origin: npt.NDArray[np.float64]
+    spacing: float
+    shape: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Band:
+    """The bricks that the surface may pass.
+
+    corners: (n + 2, 3) first node of each brick; rows OUTSIDE and INSIDE belong to none.
+    values: (n + 2, 64) f in spacings, clipped; rows OUTSIDE and INSIDE hold a constant.
+    """
+
+    grid: Grid
+    corners: I32
+    values: F32
+    _blocks: I32  # (nx + 1, ny + 1, nz + 1): row of `_bricks` for a block; beyond the grid all is outside
+    _bricks: I32  # (m + 2, 64): row of `values` for a brick of a block
+
+    def rows(self, corners: I32) -> I32:
+        """Rows of `values` for the bricks whose first nodes are `corners` (..., 3), 0 <= corner <= shape + 16."""
+        block, child = corners // BLOCK, corners % BLOCK // BRICK
+        x, y, z = np.moveaxis(block, -1, 0)
+        cx, cy, cz = np.moveaxis(child, -1, 0)
+        return self._bricks[self._blocks[x, y, z], (cx * CHILDREN + cy) * CHILDREN + cz]
+
+    def dense(self) -> npt.NDArray[np.bool_]:
+        """Whether f >= 0 at every node of the grid."""
+        nx, ny, nz = self.grid.shape
+        out = np.empty([-(-n // BRICK) for n in self.grid.shape] + [BRICK] * 3, dtype=bool)
+        for i in range(len(out)):
+            corners = np.indices((1, *out.shape[1:3]), dtype=np.int32)[:, 0]
+            corners[0] = i
+            out[i] = (self.values[self.rows(np.moveaxis(corners, 0, -1) * BRICK)] >= 0).reshape(out.shape[1:])
+        joined = out.transpose(0, 3, 1, 4, 2, 5).reshape([BRICK * n for n in out.shape[:3]])
+        return joined[:nx, :ny, :nz]
+
+
+def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) -> Band:
+    """The bricks around f = 0, with f at their nodes, from height tables."""
+    n_blocks = [-(-n // BLOCK) for n in grid.shape]
+    corners = np.indices(n_blocks, dtype=np.int32).reshape(3, -1).T * BLOCK
+    rows, _, chosen = _sift(grid, dhfs, tables, corners, BLOCK)
+    blocks = np.full([n + 1 for n in n_blocks], OUTSIDE, dtype=np.int32)
+    blocks[:-1, :-1, :-1] = rows.reshape(n_blocks)
+
+    corners = (corners[chosen][:, None] + LOCAL * BRICK).reshape(-1, 3)
+    rows, least, chosen = _sift(grid, dhfs, tables, corners, BRICK)
+    bricks = np.concatenate([np.full((1, 64), k, np.int32) for k in (OUTSIDE, INSIDE)] + [rows.reshape(-1, 64)])
+
+    corners = np.concatenate([np.zeros((2, 3), np.int32), corners[chosen]])
+    least = np.concatenate([np.zeros((len(least), 2), bool), least[:, chosen]], axis=1)
+    values = np.full((len(corners), LOCAL.shape[0]), MOST, dtype=np.float32)
+    values[OUTSIDE] = -MOST
+    for k, (dhf, table) in enumerate(zip(dhfs, tables, strict=True)):
+        _lower(values, np.flatnonzero(least[k]), grid, corners, dhf, table)
+    _close(values, grid, corners)
+    values = np.where(values >= 0, np.maximum(values, LEAST), np.clip(values, -MOST, -LEAST))
+    return Band(grid, corners, values, blocks, bricks)
+
+
+def _sift(
+    grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable], corners: I32, side: int
+) -> tuple[I32, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    """Bounds of f over blocks of side^3 nodes and the nodes next to them.
+
+    Returns for each block OUTSIDE, INSIDE, or 2, 3, ... in turn; (DHFs, N) whether a DHF's part of f may be below
+    MOST there; and which blocks are neither outside nor inside.
+    """
+    # An edge of the grid that changes sign belongs to two nodes: with a node more on each side, a block that has
+    # none is one that no such edge touches.
+    half = (side + 1) / 2 * grid.spacing
+    centres = grid.origin + grid.spacing * (corners + (side - 1) / 2)
+    bounds = [HeightBounds(t, 2 * half * np.abs(d.rotation[:2]).sum(axis=1)) for d, t in zip(dhfs, tables, strict=True)]
+    least = np.empty((len(dhfs), len(corners)), dtype=bool)
+    lower, upper = (np.full(len(corners), np.inf, dtype=np.float32) for _ in range(2))
+
+    def work(first: int, last: int) -> None:
+        for k, dhf in enumerate(dhfs):
+            lo, hi = dhf_bounds(dhf, bounds[k], centres[first:last], half)
+            least[k, first:last] = lo < MOST * grid.spacing
+            np.minimum(lower[first:last], lo, out=lower[first:last])
+            np.minimum(upper[first:last], hi, out=upper[first:last])
+
+    over_rows(work, len(corners), BLOCKS_AT_ONCE)
+    # The grid's border nodes count as outside, whatever f is there.
+    inner = np.all((corners >= 2) & (corners + side + 2 <= grid.shape), axis=1)
+    rows = np.full(len(corners), OUTSIDE, dtype=np.int32)
+    rows[(lower >= 0) & inner] = INSIDE
+    chosen = np.flatnonzero((upper >= 0) & ~((lower >= 0) & inner))
+    rows[chosen] = np.arange(2, 2 + len(chosen))
+    return rows, least, chosen
+
+
+def dhf_bounds(dhf: Dhf, bounds: HeightBounds, centres: npt.NDArray[np.float64], half: float) -> tuple[F32, F32]:
+    """Lower and upper bounds of a DHF's f, from its table, in cubes of the grid's orientation (N,), (N,)."""
+    # 1e-5: what float32 may be off by, here and at the nodes.
+    reach = (half * np.abs(dhf.rotation).sum(axis=1) + 1e-5).astype(np.float32)
+    uvz = (centres @ dhf.rotation.T).astype(np.float32)
+    lo, hi = uvz - reach, uvz + reach
+    heights = bounds(lo[:, 0], lo[:, 1])
+    lower = np.minimum(heights[:, 1] - hi[:, 2], lo[:, 2] - heights[:, 2])
+    upper = np.minimum(heights[:, 3] - lo[:, 2], hi[:, 2] - heights[:, 0])
+    for k in range(3):
+        near, far = dhf.bounds[k]
+        for out, a, b in ((lower, lo[:, k], hi[:, k]), (upper, hi[:, k], lo[:, k])):
+            np.minimum(out, a - near, out=out)
+            np.minimum(out, far - b, out=out)
+    return lower, upper
+
+
+def _lower(values: F32, rows: npt.NDArray[np.int64], grid: Grid, corners: I32, dhf: Dhf, table: HeightTable) -> None:
+    """Lower `values` in these rows to the DHF's f, in spacings."""
+    offsets = ((LOCAL * grid.spacing) @ dhf.rotation.T).astype(np.float32)
+
+    def work(first: int, last: int) -> None:
+        part = rows[first:last]
+        base = ((grid.origin + grid.spacing * corners[part]) @ dhf.rotation.T).astype(np.float32)
+        u, v, z = ((base[:, k, None] + offsets[:, k]).ravel() for k in range(3))
+        near, far = table(u, v)
+        f = dhf.least(u, v, z, near, far)
+        f /= np.float32(grid.spacing)
+        values[part] = np.minimum(values[part], f.reshape(-1, len(LOCAL)))
+
+    over_rows(work, len(rows), BRICKS_AT_ONCE)
+
+
+def _close(values: F32, grid: Grid, corners: I32) -> None:
+    """Make the grid's outermost nodes and all beyond them empty, so that the surface closes inside the grid."""
+    last = np.array(grid.shape) - 1
+    rows = np.flatnonzero(np.any((corners == 0) | (corners + BRICK > last), axis=1))
+    rows = rows[rows > INSIDE]
+    nodes = corners[rows, None] + LOCAL
+    border = np.any((nodes == 0) | (nodes >= last), axis=-1)
+    values[rows] = np.where(border, np.minimum(values[rows], -LEAST), values[rows])

@@ -1,0 +1,170 @@
+"""Marching cubes (Lorensen and Cline, 1987) on the bricks of a narrow band.
+
+scikit-image's works on dense grids: looking at each of their cells takes longer than all that is done here.
+
+The table of cases is made by rule. On each face of a cell, outside corners that lie next to one another are cut off
+together from the rest: so inside corners across a face's diagonal are joined, and thin walls hold together. Both cells
+of a face do the same, so the surface is closed. No triangle has an edge within a face that the rule did not put
+there, so no edge of the surface has more than two triangles.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from .band import BRICK, I32, INSIDE, LOCAL, Band
+from .network import F32
+from .parallel import over_rows
+
+I64 = npt.NDArray[np.int64]
+
+# Corner c of a cell is at (c >> 2 & 1, c >> 1 & 1, c & 1). An edge is its lower corner and its axis.
+CORNERS = tuple(product((0, 1), repeat=3))
+STRIDES = (4, 2, 1)
+EDGES = tuple((c, axis) for c in range(8) for axis in range(3) if not CORNERS[c][axis])
+Triangle = tuple[int, int, int]
+CELLS_AT_ONCE = 2**13
+
+# A brick's nodes and those just above it, (125, 3): whose brick each is (by corner), and its number in it.
+PADDED = np.indices((BRICK + 1,) * 3).reshape(3, -1).T
+WHOSE = (PADDED // BRICK) @ STRIDES
+NUMBER = (PADDED % BRICK) @ (BRICK * BRICK, BRICK, 1)
+PADDED_STRIDES = np.array([(BRICK + 1) ** 2, BRICK + 1, 1])
+OWN = LOCAL @ PADDED_STRIDES  # (64,) the brick's own nodes in that order
+
+
+def surface_edges(band: Band) -> tuple[I64, I32, I64, F32]:
+    """Where the surface crosses the grid, and how the crossings join.
+
+    Returns rows (N,) of the band's bricks and edges (N,): 3 * node + axis, node 0 to 63 of the brick; triangles (M, 3)
+    of numbers of crossings, seen anticlockwise from outside; and f (N, 2) at both ends of the edges.
+    """
+    row = np.arange(INSIDE + 1, len(band.values))
+    # The bricks at a brick's eight corners (0, 0, 0), (0, 0, 1), ...: those that hold the nodes just above it.
+    beside = band.rows(band.corners[row, None] + np.array(CORNERS, dtype=np.int32) * BRICK)
+    own = band.values >= 0
+    # 0 all outside, 1 all inside, 2 both: only a brick that has both, with those beside it, can have a crossing.
+    kind = np.where(own.all(axis=1), 1, np.where(own.any(axis=1), 2, 0)).astype(np.int8)[beside]
+    both = (kind.max(axis=1) == 2) | (kind.min(axis=1) != kind.max(axis=1))
+    row, beside = row[both], beside[both]
+    place = np.zeros(len(band.values), dtype=np.int32)  # of a row in `row`
+    place[row] = np.arange(len(row))
+
+    # Bricks last: numpy is fast along long last dimensions.
+    n = len(row)
+    inside = np.empty(((BRICK + 1,) * 3 + (n,)), dtype=bool)
+    own = np.ascontiguousarray(own.T).reshape(BRICK, BRICK, BRICK, -1)
+    for k, corner in enumerate(CORNERS):
+        to = tuple(slice(BRICK, None) if c else slice(0, BRICK) for c in corner)
+        of = tuple(slice(0, 1) if c else slice(None) for c in corner)
+        inside[to] = own[of].take(beside[:, k], axis=-1)
+    crossed = np.empty((*(BRICK,) * 3, 3, n), dtype=bool)
+    here = inside[:BRICK, :BRICK, :BRICK]
+    case = np.zeros(here.shape, dtype=np.uint8)
+    for k, (x, y, z) in enumerate(CORNERS):
+        there = inside[x : x + BRICK, y : y + BRICK, z : z + BRICK]
+        case |= there.view(np.uint8) << k
+        if k in STRIDES:
+            np.not_equal(here, there, out=crossed[..., STRIDES.index(k), :])
+    at = np.flatnonzero(crossed)
+    edge, brick = np.divmod(at.astype(np.int32), n)
+    number = np.zeros(crossed.size, dtype=np.int32)
+    number[at] = np.arange(len(at))
+
+    start, corner_table, axis_table = case_table()
+    at = np.flatnonzero((case > 0) & (case < 255))
+    case = case.ravel()[at]
+    count = start[1:][case] - start[case]
+    first_face = np.concatenate([[0], np.cumsum(count)])
+    faces = np.empty((first_face[-1], 3), dtype=np.int64)
+
+    def work(first: int, last: int) -> None:
+        # For each triangle: its cell, and its row in the table.
+        cell = np.repeat(at[first:last], count[first:last])
+        row_of = np.arange(len(cell)) + np.repeat(
+            start[case[first:last]] - (first_face[first:last] - first_face[first]), count[first:last]
+        )
+        node, home = np.divmod(cell, n)
+        padded = OWN[node][:, None] + corner_table[row_of]
+        owner = place[beside[home[:, None], WHOSE[padded]]]
+        faces[first_face[first] : first_face[last]] = number[(NUMBER[padded] * 3 + axis_table[row_of]) * n + owner]
+
+    over_rows(work, len(at), CELLS_AT_ONCE)
+    node = edge // 3
+    far = OWN[node] + PADDED_STRIDES[edge % 3]
+    ends = np.column_stack([band.values[row[brick], node], band.values[beside[brick, WHOSE[far]], NUMBER[far]]])
+    return row[brick], edge, faces, ends
+
+
+@lru_cache(maxsize=1)
+def case_table() -> tuple[I64, I64, I64]:
+    """Triangles of case c, the sum of 2^corner over the inside corners: rows start[c] to start[c + 1].
+
+    A row has three edges, in two tables: the lower corner, as a step in a brick's padded nodes, and the axis.
+    """
+    cases = [_triangles(case) for case in range(256)]
+    edges = np.array([t for case in cases for t in case])
+    start = np.concatenate([[0], np.cumsum([len(case) for case in cases])])
+    corner = np.array(CORNERS) @ PADDED_STRIDES
+    lower, axis = np.array(EDGES).T
+    return start, corner[lower[edges]], axis[edges]
+
+
+def _triangles(case: int) -> list[Triangle]:
+    """The surface in a cell as triangles of edge numbers."""
+    inside = [bool(case >> c & 1) for c in range(8)]
+    follows: dict[int, int] = {}
+    for face in _faces():
+        for i in range(4):
+            if not inside[face[i]] and inside[face[i - 1]]:  # a run of outside corners starts here
+                j = i
+                while not inside[face[(j + 1) % 4]]:
+                    j += 1
+                follows[_edge(face[j % 4], face[(j + 1) % 4])] = _edge(face[i - 1], face[i])
+    out: list[Triangle] = []
+    while follows:
+        loop = [next(iter(follows))]
+        while (edge := follows.pop(loop[-1])) != loop[0]:
+            loop.append(edge)
+        triangles = _triangulated(loop)
+        assert triangles is not None  # of 256 cases there is none without
+        out += triangles
+    return out
+
+
+def _triangulated(loop: list[int]) -> list[Triangle] | None:
+    """A polygon of edge numbers as triangles none of whose diagonals lies in a face of the cell."""
+    last = len(loop) - 1
+    if last < 2:
+        return []
+    for k in range(1, last):
+        if all(j - i == 1 or not _share_face(loop[i], loop[j]) for i, j in ((0, k), (k, last))):
+            parts = _triangulated(loop[: k + 1]), _triangulated(loop[k:])
+            if parts[0] is not None and parts[1] is not None:
+                return [(loop[0], loop[k], loop[last]), *parts[0], *parts[1]]
+    return None
+
+
+@lru_cache(maxsize=1)
+def _faces() -> list[tuple[int, int, int, int]]:
+    """The corners of each face, anticlockwise from outside."""
+    out = []
+    for axis, side in product(range(3), (0, 1)):
+        u, v = STRIDES[(axis + 1) % 3], STRIDES[(axis + 2) % 3]
+        base = side * STRIDES[axis]
+        ring = (base, base + u, base + u + v, base + v)
+        out.append(ring if side else ring[::-1])
+    return out
+
+
+def _edge(a: int, b: int) -> int:
+    return EDGES.index((min(a, b), STRIDES.index(abs(a - b))))
+
+
+def _share_face(a: int, b: int) -> bool:
+    ends = [{lower, lower + STRIDES[axis]} for lower, axis in (EDGES[a], EDGES[b])]
+    return any(ends[0] | ends[1] <= set(face) for face in _faces())
