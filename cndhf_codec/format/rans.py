@@ -168,8 +168,15 @@ class EndedError(PayloadError):
 
 def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
     """Symbols of the tensors with these sizes, flat. Raises LimitError or PayloadError."""
-    _check_claim(body, sizes)
-    return list(_decoded(body, sizes))
+    if sum(sizes) > FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body):
+        raise LimitError(
+            f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
+            f"{MAX_SYMBOLS_A_BYTE} for each byte are allowed"
+        )
+    try:
+        return list(_decoded(body, sizes))
+    except EndedError as exc:  # of no concern to those who have the whole file
+        raise PayloadError(str(exc)) from None
 
 
 def decode_prefix(body: bytes, sizes: list[int], first: int) -> list[Symbols]:
@@ -185,14 +192,6 @@ def decode_prefix(body: bytes, sizes: list[int], first: int) -> list[Symbols]:
     except EndedError:
         pass
     return tensors
-
-
-def _check_claim(body: bytes, sizes: list[int]) -> None:
-    if sum(sizes) > FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body):
-        raise LimitError(
-            f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
-            f"{MAX_SYMBOLS_A_BYTE} for each byte are allowed"
-        )
 
 
 def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
