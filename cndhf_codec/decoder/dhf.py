@@ -11,6 +11,10 @@ from .network import F32, Network
 
 Heights = Callable[[F32], F32]
 
+# The terms of the implicit function in their order, and their gradients by (u, v, z) with flat heights.
+FAR, NEAR = 0, 1
+TERM_GRADIENTS = np.vstack([[0, 0, -1], [0, 0, 1], np.eye(3), -np.eye(3)]).astype(np.float32)
+
 
 class Dhf:
     """A decoded DHF. Coordinates are its own frame: (u, v, z) = R p, p in the normalised frame."""
@@ -32,11 +36,31 @@ class Dhf:
         `heights` stands in for the exact network where a table will do.
         """
         uvz = points @ self.rotation.T
-        near, far = (heights or self.heights)(uvz[:, :2]).T
-        z = uvz[:, 2]
-        f = np.minimum(far - z, z - near)
-        for k in range(3):
-            lo, hi = self.bounds[k]
-            np.minimum(f, uvz[:, k] - lo, out=f)
-            np.minimum(f, hi - uvz[:, k], out=f)
-        return f
+        return self._terms(uvz, (heights or self.heights)(uvz[:, :2])).min(axis=0)
+
+    def implicit_gradient(self, points: F32) -> tuple[F32, F32]:
+        """(N, 3) float32 points of the normalised frame -> `implicit` (N,) and its gradient (N, 3) there.
+
+        Where two terms of the least are equal, the gradient is that of one of them.
+        """
+        uvz = points @ self.rotation.T
+        lo, hi = self.bounds[:2, 0], self.bounds[:2, 1]
+        heights, slopes = self.network.gradient(np.clip(uvz[:, :2], lo, hi))
+        # Beyond the box the heights go on as they are at its edge.
+        slopes *= ((uvz[:, :2] >= lo) & (uvz[:, :2] <= hi))[:, None, :]
+        terms = self._terms(uvz, heights)
+        least = terms.argmin(axis=0)
+        gradient = TERM_GRADIENTS[least]
+        for term, k in ((FAR, 1), (NEAR, 0)):
+            rows = np.flatnonzero(least == term)
+            gradient[rows, :2] = slopes[rows, k] if term == FAR else -slopes[rows, k]
+        return terms[least, np.arange(len(points))], gradient @ self.rotation
+
+    def _terms(self, uvz: F32, heights: F32) -> F32:
+        """(8, N): what f is the least of."""
+        terms = np.empty((8, len(uvz)), dtype=np.float32)
+        terms[FAR] = heights[:, 1] - uvz[:, 2]
+        terms[NEAR] = uvz[:, 2] - heights[:, 0]
+        terms[2:5] = (uvz - self.bounds[:, 0]).T
+        terms[5:8] = (self.bounds[:, 1] - uvz).T
+        return terms

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
 from . import surface
 from .dhf import Dhf
+from .network import F32
 
 CHUNK = 2**16  # points evaluated at once
 
@@ -74,22 +75,34 @@ class Model:
         array = _last_dimension(uv, 2).astype(np.float32)
         return self._dhfs[i].heights(array.reshape(-1, 2)).reshape(array.shape)
 
-    def implicit(self, points: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    @overload
+    def implicit(self, points: npt.ArrayLike, gradient: Literal[False] = False) -> F32: ...
+
+    @overload
+    def implicit(self, points: npt.ArrayLike, gradient: Literal[True]) -> tuple[F32, F32]: ...
+
+    def implicit(self, points: npt.ArrayLike, gradient: bool = False) -> F32 | tuple[F32, F32]:
         """The implicit function f at points (..., 3) in input coordinates -> (...,) float32 in input units.
 
         Positive inside, zero on the surface, negative outside. f / |grad f| approximates the distance.
+        gradient: return (f, grad f) with grad f (..., 3) float32, by input coordinates: analytic, and that of one
+        side where f has a crease. -grad f / |grad f| is the surface's outward normal.
         Raises OptionError when the last dimension is not 3.
         """
         array = _last_dimension(points, 3)
         flat = array.reshape(-1, 3)
         out = np.empty(len(flat), dtype=np.float32)
+        slope = np.empty((len(flat) if gradient else 0, 3), dtype=np.float32)
         for at in range(0, len(flat), CHUNK):
             p = ((flat[at : at + CHUNK] - self._centre) / self.container.scale).astype(np.float32)
-            f = np.full(len(p), np.inf, dtype=np.float32)
-            for dhf in self._dhfs:
-                np.minimum(f, dhf.implicit(p), out=f)
+            if gradient:
+                f, slope[at : at + CHUNK] = surface.implicit_gradient(self._dhfs, p)
+            else:
+                f = surface.implicit(self._dhfs, p)
             out[at : at + CHUNK] = f * np.float32(self.container.scale)
-        return out.reshape(array.shape[:-1])
+        # By input coordinates, in input units: the scale of one cancels that of the other.
+        shaped = out.reshape(array.shape[:-1])
+        return (shaped, slope.reshape(array.shape)) if gradient else shaped
 
     def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether points (..., 3) in input coordinates lie in the solid or on its surface -> (...,) bool."""

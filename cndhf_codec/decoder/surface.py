@@ -118,13 +118,23 @@ def occupancy(dhfs: Sequence[Dhf], resolution: int) -> tuple[npt.NDArray[np.bool
         for start in range(0, len(at), REFINED_AT_ONCE):
             part = at[start : start + REFINED_AT_ONCE]
             points = (grid.origin + grid.spacing * part).astype(np.float32)
-            out[tuple(part.T)] = _exact_field(dhfs, points) >= 0
+            out[tuple(part.T)] = implicit(dhfs, points) >= 0
     return out, grid.origin, grid.spacing
 
 
-def _exact_field(dhfs: Sequence[Dhf], points: F32) -> F32:
-    """f at points of the normalised frame, from the networks themselves."""
+def implicit(dhfs: Sequence[Dhf], points: F32) -> F32:
+    """f (N,) at points (N, 3) of the normalised frame, from the networks themselves."""
     return np.minimum.reduce([dhf.implicit(points) for dhf in dhfs])
+
+
+def implicit_gradient(dhfs: Sequence[Dhf], points: F32) -> tuple[F32, F32]:
+    """f (N,) and its gradient (N, 3) at points (N, 3) of the normalised frame."""
+    f, gradient = dhfs[0].implicit_gradient(points)
+    for dhf in dhfs[1:]:
+        other, other_gradient = dhf.implicit_gradient(points)
+        less = other < f
+        f[less], gradient[less] = other[less], other_gradient[less]
+    return f, gradient
 
 
 def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -154,7 +164,7 @@ def _on_surface(grid: Grid, dhfs: Sequence[Dhf], vertices: npt.NDArray[np.float6
 
         def f(t: F32, origin: F32 = origin, step: F32 = step) -> F32:
             points = origin + t[:, None] * step
-            return _exact_field(dhfs, points)
+            return implicit(dhfs, points)
 
         guess = (vertices[part] - start[part])[np.arange(len(origin)), axis[part]].astype(np.float32)
         a, b = np.zeros_like(guess), np.ones_like(guess)

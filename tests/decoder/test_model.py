@@ -177,3 +177,25 @@ def test_a_file_too_large_is_not_read_whole(tmp_path):
         file.truncate(2**40)  # sparse: reading it all would need a terabyte
     with pytest.raises(LimitError, match=r"big\.cndhf.*more than"):
         load(path)
+
+
+def test_gradient_is_the_slope_of_the_implicit_function(points):
+    m = analytic.model(analytic.waves(4), analytic.waves(5, (9000, -14000, 20000, 20000)), centre=(1, -2, 3), scale=2.5)
+    moved = points * 2.5 + [1, -2, 3]
+    f, gradient = m.implicit(moved.reshape(40, 100, 3), gradient=True)
+    assert (f.shape, gradient.shape, gradient.dtype) == ((40, 100), (40, 100, 3), np.float32)
+    assert np.array_equal(f.ravel(), m.implicit(moved))
+    step = 2e-3
+    for k in range(3):
+        shift = np.eye(3)[k] * step
+        # On both sides: where they differ, a crease lies between them.
+        ahead, behind = (m.implicit(moved + shift) - f.ravel()) / step, (f.ravel() - m.implicit(moved - shift)) / step
+        smooth = np.abs(ahead - behind) < 0.02
+        assert smooth.mean() > 0.9
+        np.testing.assert_allclose(gradient.reshape(-1, 3)[smooth, k], (ahead + behind)[smooth] / 2, atol=0.02)
+
+
+def test_gradient_on_the_planes_of_a_box_points_inward():
+    f, gradient = analytic.model(slab(LO, HI, ABOUT_Z_45)).implicit([[0, 0, 0.374], [0, 0, -0.124]], gradient=True)
+    np.testing.assert_allclose(f, 1e-3, atol=1e-6)
+    np.testing.assert_allclose(gradient, [[0, 0, -1], [0, 0, 1]], atol=1e-6)

@@ -75,3 +75,36 @@ def test_table_nodes_are_no_farther_apart_than_asked_and_reach_the_edge():
     u = np.unique(table.uv[:, 0])
     assert np.diff(u).max() <= 0.4
     assert (u[0], u[-1]) == pytest.approx((-0.7, 0.8), abs=1e-4)
+
+
+def test_gradient_is_the_slope_of_the_heights():
+    rng = np.random.default_rng(3)
+    tensors = [rng.uniform(-1, 1, s) / max(s[-1], 4) for s in tensor_shapes(9, 3)]
+    uv = rng.uniform(-1, 1, (50, 2))
+    net = Network([t.astype(np.float32) for t in tensors], 12, 8)
+    heights, slopes = net.gradient(uv.astype(np.float32))
+    np.testing.assert_allclose(heights, net(uv.astype(np.float32)), atol=1e-6)
+    # Central differences of the formula in float64.
+    step = 1e-5
+    for j in range(2):
+        ahead, behind = uv.copy(), uv.copy()
+        ahead[:, j] += step
+        behind[:, j] -= step
+        expected = [
+            (np.array(by_hand(tensors, a, 12, 8)) - by_hand(tensors, b, 12, 8)) / (2 * step)
+            for a, b in zip(ahead, behind, strict=True)
+        ]
+        np.testing.assert_allclose(slopes[:, :, j], expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("width", [3, 40])
+def test_any_number_of_rows(width, monkeypatch):
+    rng = np.random.default_rng(width)
+    tensors = [rng.uniform(-0.3, 0.3, s).astype(np.float32) for s in tensor_shapes(width, 2)]
+    net, uv = Network(tensors, 5, 3), rng.uniform(-1, 1, (1001, 2)).astype(np.float32)
+    one_by_one = np.concatenate([net(p[None]) for p in uv])
+    monkeypatch.setattr(network, "CHUNK", 300)  # several threads
+    np.testing.assert_allclose(net(uv), one_by_one, atol=1e-5)
+    np.testing.assert_allclose(net.gradient(uv)[0], one_by_one, atol=1e-5)
+    assert net(uv[:0]).shape == (0, 2)
+    assert net.gradient(uv[:0])[1].shape == (0, 2, 2)
