@@ -1,0 +1,128 @@
+"""What decoding costs and gives, as ratios measured in one run: times of a shared machine mean little by themselves.
+
+    python tools/bench/decode.py results/0.1/decode.tsv a.cndhf b.cndhf [--mesh a.ply --mesh b.ply] [--only mesh_256]
+
+One function a row and file: it returns the ratio, its target where there is one, and the figures behind it. The
+two sides of a ratio are timed alternately, and the least of each counts. --mesh names the originals, in the
+order of the files, for the rows that measure errors.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from skimage import measure
+
+import cndhf_codec
+
+ROUNDS = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    ratio: float
+    target: str
+    figures: str
+
+
+def least_times(*sides: Callable[[], Any], rounds: int = ROUNDS) -> list[float]:
+    """Least seconds of each, run in turn `rounds` times."""
+    times = [[] for _ in sides]
+    for _ in range(rounds):
+        for side, own in zip(sides, times, strict=True):
+            start = time.perf_counter()
+            side()
+            own.append(time.perf_counter() - start)
+    return [min(own) for own in times]
+
+
+def mesh_row(path: Path, resolution: int, target: str) -> Row:
+    """to_mesh of a model just loaded, against scikit-image's marching cubes alone on a cube of resolution^3 nodes."""
+    model = cndhf_codec.load(path)
+    lo, hi = model.to_mesh(32).bounds
+    centre, half = (lo + hi) / 2, (hi - lo).max() / 2 * (1 + 2 / resolution)
+    line = np.linspace(-half, half, resolution)
+    f = np.empty((resolution,) * 3, dtype=np.float32)
+    for i, x in enumerate(line):
+        plane = np.stack(np.meshgrid([x], line, line, indexing="ij"), axis=-1)
+        f[i] = model.implicit(plane + centre)[0]
+    ours, theirs = least_times(
+        lambda: cndhf_codec.load(path).to_mesh(resolution), lambda: measure.marching_cubes(f, level=0.0)
+    )
+    return Row(ours / theirs, target, f"to_mesh {ours:.3f} s, marching_cubes {theirs:.3f} s")
+
+
+def mesh_256(path: Path, original: Path | None) -> Row:
+    return mesh_row(path, 256, "<= 0.7")
+
+
+def mesh_512(path: Path, original: Path | None) -> Row:
+    return mesh_row(path, 512, "<= 0.4")
+
+
+def network(path: Path, original: Path | None) -> Row:
+    """Heights of the first double height field at 2^18 points: numpy against torch's forward pass on the CPU."""
+    import torch
+
+    net = cndhf_codec.load(path)._dhfs[0].network
+    uv = np.random.default_rng(0).uniform(-0.5, 0.5, (2**18, 2)).astype(np.float32)
+    layers = [(torch.tensor(W.T.copy()), torch.tensor(b)) for W, b in zip(net.matrices, net.biases, strict=True)]
+    points = torch.tensor(uv)
+
+    def forward() -> torch.Tensor:
+        with torch.inference_mode():
+            x = points
+            for W, b in layers[:-1]:
+                x = torch.sin(torch.nn.functional.linear(x, W, b))
+            return torch.nn.functional.linear(x, *layers[-1])
+
+    np.testing.assert_allclose(net(uv), forward().numpy(), atol=1e-4)
+    ours, theirs = least_times(lambda: net(uv), forward, rounds=3 * ROUNDS)
+    each = 1e9 / len(uv)
+    return Row(ours / theirs, "<= 1.5", f"numpy {each * ours:.0f} ns a point, torch {each * theirs:.0f} ns")
+
+
+def start_up(path: Path, original: Path | None) -> Row:
+    """A new interpreter that imports the package and loads a file, against one that imports numpy."""
+    ours = [sys.executable, "-c", f"import cndhf_codec; cndhf_codec.load({str(path)!r})"]
+    theirs = [sys.executable, "-c", "import numpy"]
+    runs = [[], []]
+    for _ in range(21):
+        for command, times in zip((ours, theirs), runs, strict=True):
+            start = time.perf_counter()
+            subprocess.run(command, check=True)
+            times.append(time.perf_counter() - start)
+    a, b = (float(np.median(times)) for times in runs)
+    return Row(a / b, "<= 1.3", f"medians: import and load {a:.3f} s, import numpy {b:.3f} s")
+
+
+ROWS = {"mesh_256": mesh_256, "mesh_512": mesh_512, "network": network, "start_up": start_up}
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
+@click.option("--mesh", "meshes", multiple=True, type=click.Path(path_type=Path, exists=True))
+@click.option("--only", multiple=True, type=click.Choice(list(ROWS)))
+def main(out: Path, files: tuple[Path, ...], meshes: tuple[Path, ...], only: tuple[str, ...]) -> None:
+    originals = [*meshes, *[None] * (len(files) - len(meshes))]
+    lines = ["row\tfile\tratio\ttarget\tfigures"]
+    for name in only or ROWS:
+        for path, original in zip(files, originals, strict=True):
+            row = ROWS[name](path, original)
+            lines.append(f"{name}\t{path.name}\t{row.ratio:.2f}\t{row.target}\t{row.figures}")
+            print(lines[-1], flush=True)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
