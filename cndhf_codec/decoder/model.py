@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, overload
 
@@ -14,16 +16,23 @@ from ..errors import FormatError, LimitError, OptionError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
 from . import surface
+from .cells import CellGrid
 from .dhf import Dhf
 from .network import F32
+from .rays import RayHits, first_crossings
 
 CHUNK = 2**16  # points evaluated at once
+LOOKED_UP = 2**18  # points looked up at once; few of them are evaluated
+CELLS_FROM = 2**18  # points asked for, over all calls, from which on cells are worth the time to make them
 
 
 class Model:
     """A solid as the intersection of double height fields.
 
     Points go in, and surfaces and distances come out, in the coordinates and units of the mesh that was encoded.
+    Points may be float32 or float64; far from the origin only float64 can say them. All queries work in pieces:
+    besides what goes in and comes out they hold 60 MB at most, whatever the number of points. A model may be used
+    from several threads at once.
     """
 
     def __init__(self, container: fmt.Container, size: int | None = None) -> None:
@@ -32,6 +41,12 @@ class Model:
         self._size = size
         self._dhfs = [Dhf(record) for record in container.dhfs]
         self._centre = np.array(container.centre, dtype=np.float64)
+        self._cells: CellGrid | None = None
+        self._asked = 0
+        self._lock = threading.Lock()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Model, (self.container, self._size)  # a lock cannot be copied, and cells can be made again
 
     @property
     def info(self) -> dict[str, Any]:
@@ -93,20 +108,90 @@ class Model:
         flat = array.reshape(-1, 3)
         out = np.empty(len(flat), dtype=np.float32)
         slope = np.empty((len(flat) if gradient else 0, 3), dtype=np.float32)
-        for at in range(0, len(flat), CHUNK):
-            p = ((flat[at : at + CHUNK] - self._centre) / self.container.scale).astype(np.float32)
+        for part, p in self._normalised(flat, CHUNK):
             if gradient:
-                f, slope[at : at + CHUNK] = surface.implicit_gradient(self._dhfs, p)
+                f, slope[part] = surface.implicit_gradient(self._dhfs, p)
             else:
                 f = surface.implicit(self._dhfs, p)
-            out[at : at + CHUNK] = f * np.float32(self.container.scale)
+            out[part] = f * np.float32(self.container.scale)
         # By input coordinates, in input units: the scale of one cancels that of the other.
         shaped = out.reshape(array.shape[:-1])
         return (shaped, slope.reshape(array.shape)) if gradient else shaped
 
     def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether points (..., 3) in input coordinates lie in the solid or on its surface -> (...,) bool."""
-        return self.implicit(points) >= 0
+        """Whether points (..., 3) in input coordinates lie in the solid or on its surface -> (...,) bool.
+
+        As `implicit(points) >= 0`, to the rounding of float32, but networks are evaluated near the surface only: many
+        points cost a hundredth of the time each. What is near is tabulated (2 MB) once many points were asked for.
+        Raises OptionError when the last dimension is not 3.
+        """
+        array = _last_dimension(points, 3)
+        flat = array.reshape(-1, 3)
+        out = np.empty(len(flat), dtype=bool)
+        self._asked += len(flat)  # two threads at once may lose a count, which does no harm
+        if self._cells is None and self._asked < CELLS_FROM:
+            for part, p in self._normalised(flat, CHUNK):
+                out[part] = surface.implicit(self._dhfs, p) >= 0
+        else:
+            cells = self._cell_grid()
+            for part, p in self._normalised(flat, LOOKED_UP):
+                out[part] = cells.contains(p)
+        return out.reshape(array.shape[:-1])
+
+    def ray_intersect(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
+        """Where rays first cross the surface: (distance, point, normal), in input coordinates and units.
+
+        origins, directions: (..., 3), of shapes that broadcast to one; directions of any length but zero.
+        distance: (...,), at least 0, in input units and not in lengths of the direction; inf where a ray misses, and
+        where it is not finite or its direction is zero. point, normal: (..., 3), NaN there. All are float32 when
+        both arguments are, else float64. Normals face outward and are of length one.
+        A ray that starts inside hits where it leaves the solid; its normal then points along it. One that starts on
+        the surface may hit there.
+        With s the longest side of the solid's box, points are off by 1e-6 s at most along their rays, where f is
+        smooth enough for float32. A ray's crossings there and back less than s / 1000 apart may be missed.
+        Raises OptionError when a last dimension is not 3 or the shapes do not broadcast.
+        """
+        from_, along = (_last_dimension(a, 3) for a in (origins, directions))
+        try:
+            shape = np.broadcast_shapes(from_.shape, along.shape)
+        except ValueError as exc:
+            raise OptionError(f"origins {from_.shape} and directions {along.shape} do not broadcast") from exc
+        start, way = (np.broadcast_to(a, shape).reshape(-1, 3) for a in (from_, along))
+        dtype = np.result_type(start, way)
+        distance = np.full(len(start), np.inf, dtype)
+        point, normal = np.full((2, len(start), 3), np.nan, dtype)
+        cells = self._cell_grid()
+        for at in range(0, len(start), CHUNK):
+            o, d = (a[at : at + CHUNK].astype(np.float64) for a in (start, way))
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                d /= np.linalg.norm(d, axis=1, keepdims=True)
+            p = (o - self._centre) / self.container.scale
+            t = first_crossings(cells, lambda x: surface.implicit(self._dhfs, x), p, d)
+            hit = np.flatnonzero(np.isfinite(t))
+            _, g = surface.implicit_gradient(self._dhfs, (p[hit] + t[hit, None] * d[hit]).astype(np.float32))
+            g /= -np.maximum(np.linalg.norm(g, axis=1, keepdims=True), np.finfo(np.float32).tiny)
+            t *= self.container.scale
+            distance[at + hit], normal[at + hit] = t[hit], g
+            point[at + hit] = o[hit] + t[hit, None] * d[hit]
+        return RayHits(distance.reshape(shape[:-1]), point.reshape(shape), normal.reshape(shape))
+
+    def _cell_grid(self) -> CellGrid:
+        with self._lock:  # the first thread makes it, others wait
+            if self._cells is None:
+                self._cells = CellGrid(self._dhfs)
+            return self._cells
+
+    def _normalised(
+        self, points: npt.NDArray[np.floating], size: int
+    ) -> Iterator[tuple[slice, F32]]:
+        """(N, 3) points of input coordinates, `size` at a time: (which they are, in the normalised frame)."""
+        centre = np.tile(self._centre, min(size, len(points)))
+        for at in range(0, len(points), size):
+            part = slice(at, at + size)
+            p = points[part].reshape(-1)  # flat: numpy is several times slower over rows of three
+            p = p - centre[: len(p)]
+            p /= self.container.scale
+            yield part, p.astype(np.float32).reshape(-1, 3)
 
     def to_mesh(self, resolution: int = 256) -> Any:
         """The surface as a `trimesh.Trimesh` in input coordinates: watertight, facing outward.
@@ -154,8 +239,10 @@ def load(path: str | os.PathLike[str]) -> Model:
         raise type(exc)(f"{Path(path)}: {exc}") from exc
 
 
-def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
+def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
+    array = np.asarray(values)
+    if array.dtype != np.float32:
+        array = array.astype(np.float64, copy=False)
     if array.ndim == 0 or array.shape[-1] != n:
         raise OptionError(f"an array of shape (..., {n}) is needed; got {array.shape}")
     return array
