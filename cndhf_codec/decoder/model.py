@@ -166,7 +166,7 @@ class Model:
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
                 d /= np.linalg.norm(d, axis=1, keepdims=True)
             p = (o - self._centre) / self.container.scale
-            t = first_crossings(cells, lambda x: surface.implicit(self._dhfs, x), p, d)
+            t = first_crossings(cells, p, d)
             hit = np.flatnonzero(np.isfinite(t))
             _, g = surface.implicit_gradient(self._dhfs, (p[hit] + t[hit, None] * d[hit]).astype(np.float32))
             g /= -np.maximum(np.linalg.norm(g, axis=1, keepdims=True), np.finfo(np.float32).tiny)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,10 +29,10 @@ class RayHits(NamedTuple):
     normal: npt.NDArray[np.floating]
 
 
-def first_crossings(cells: CellGrid, field: Callable[[F32], F32], origins: F64, directions: F64) -> F64:
+def first_crossings(cells: CellGrid, origins: F64, directions: F64) -> F64:
     """Distances (N,) at which rays first go into the solid or out of it; inf for those that never do.
 
-    field: f at (N, 3) points. origins, directions: (N, 3) in the normalised frame, directions of length one. A ray
+    origins, directions: (N, 3) in the normalised frame, directions of length one. A ray
     with a number that is not finite misses.
     """
     out = np.full(len(origins), np.inf)
@@ -44,7 +43,7 @@ def first_crossings(cells: CellGrid, field: Callable[[F32], F32], origins: F64, 
         # From the box on, not from the origin: that may be too far away for float32.
         start = (origins[part] + enter[part, None] * directions[part]).astype(np.float32)
         length = leave[part] - enter[part]
-        out[part] = enter[part] + _in_box(cells, field, start, directions[part].astype(np.float32), length)
+        out[part] = enter[part] + _in_box(cells, start, directions[part].astype(np.float32), length)
     return out
 
 
@@ -60,13 +59,13 @@ def _clip(cells: CellGrid, origins: F64, directions: F64) -> tuple[F64, F64]:
     return np.where(valid, np.maximum(enter, 0), np.inf), leave
 
 
-def _in_box(cells: CellGrid, field: Callable[[F32], F32], start: F32, direction: F32, length: F64) -> F64:
+def _in_box(cells: CellGrid, start: F32, direction: F32, length: F64) -> F64:
     """As `first_crossings`, for rays that start in the box and leave it after `length`."""
 
     def inside(rays: npt.NDArray[np.int64], t: F32) -> npt.NDArray[np.bool_]:
         """Whether rays are inside at distances t (len(rays), k)."""
         points = start[rays, None] + t[..., None] * direction[rays, None]
-        return field(points.reshape(-1, 3)).reshape(t.shape) >= 0
+        return cells.contains(points.reshape(-1, 3)).reshape(t.shape)
 
     # Rays are cut into segments as long as a cell's edge. All of a segment is in its middle's cell or one next to
     # it, so that f has one sign on it where none of these is near the surface.
