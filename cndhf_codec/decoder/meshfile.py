@@ -20,7 +20,12 @@ def check_extension(path: str | os.PathLike[str]) -> str:
     return suffix[1:]
 
 
+def mesh_bytes(mesh: Any, extension: str) -> bytes:
+    """The bytes of a mesh file; extension: one of `EXTENSIONS` without its dot."""
+    data = mesh.export(file_type=extension)
+    return data.encode() if isinstance(data, str) else bytes(data)
+
+
 def write_mesh(mesh: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a `trimesh.Trimesh`, whole or not at all. Raises OptionError or OutputError."""
-    data = mesh.export(file_type=check_extension(path))
-    write_atomically(path, data.encode() if isinstance(data, str) else data, overwrite)
+    write_atomically(path, mesh_bytes(mesh, check_extension(path)), overwrite)

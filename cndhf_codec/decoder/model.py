@@ -6,13 +6,13 @@ import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, BinaryIO, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
-from ..errors import FormatError, LimitError, OptionError, require
+from ..errors import FormatError, InputError, LimitError, OptionError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
 from . import surface
@@ -23,6 +23,7 @@ from .rays import RayHits, first_crossings
 
 CHUNK = 2**16  # points evaluated at once
 LOOKED_UP = 2**18  # points looked up at once; few of them are evaluated
+FAR = 2.0**20  # normalised units; a DHF's box ends at 2
 CELLS_FROM = 2**18  # points asked for, over all calls, from which on cells are worth the time to make them
 
 
@@ -35,10 +36,10 @@ class Model:
     from several threads at once.
     """
 
-    def __init__(self, container: fmt.Container, size: int | None = None) -> None:
-        """size: bytes of the file that the container was read from, where it was."""
+    def __init__(self, container: fmt.Container, sections: dict[str, int] | None = None) -> None:
+        """sections: of the file that the container was read from, where it was; as `fmt.section_sizes` gives them."""
         self.container = container
-        self._size = size
+        self._sections = sections
         self._dhfs = [Dhf(record) for record in container.dhfs]
         self._centre = np.array(container.centre, dtype=np.float64)
         self._cells: CellGrid | None = None
@@ -46,7 +47,7 @@ class Model:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Model, (self.container, self._size)  # a lock cannot be copied, and cells can be made again
+        return Model, (self.container, self._sections)  # a lock cannot be copied, and cells can be made again
 
     @property
     def info(self) -> dict[str, Any]:
@@ -54,9 +55,11 @@ class Model:
         c = self.container
         parameters = sum(d.parameters for d in c.dhfs)
         # A copy can have another size: sections that this version does not know, another zstd release.
-        size = len(self.dumps()) if self._size is None else self._size
+        sections = fmt.section_sizes(self.dumps()) if self._sections is None else self._sections
+        size = sum(sections.values())
         return {
             "bytes": size,
+            "sections": dict(sections),
             "dhfs": [
                 {
                     "axis": [round(float(x), 6) for x in d.rotation[2]],
@@ -189,9 +192,11 @@ class Model:
         for at in range(0, len(points), size):
             part = slice(at, at + size)
             p = points[part].reshape(-1)  # flat: numpy is several times slower over rows of three
-            p = p - centre[: len(p)]
-            p /= self.container.scale
-            yield part, p.astype(np.float32).reshape(-1, 3)
+            with np.errstate(over="ignore"):
+                p = p - centre[: len(p)]
+                p /= self.container.scale
+            # However far a point is, it is outside: float32 must not overflow on the way to saying so.
+            yield part, np.clip(p, -FAR, FAR, out=p).astype(np.float32).reshape(-1, 3)
 
     def to_mesh(self, resolution: int = 256) -> Any:
         """The surface as a `trimesh.Trimesh` in input coordinates: watertight, facing outward.
@@ -225,18 +230,31 @@ class Model:
 
 def loads(data: bytes) -> Model:
     """Model from the bytes of a `.cndhf` file. Raises FormatError."""
-    return Model(fmt.loads(bytes(data)), len(data))
+    data = bytes(data)
+    return Model(fmt.loads(data), fmt.section_sizes(data))
 
 
 def load(path: str | os.PathLike[str]) -> Model:
     """Model from a `.cndhf` file. Raises FormatError or InputError, naming the file."""
-    data = read_bytes(path, MAX_FILE_SIZE + 1)
+    return _loads(read_bytes(path, MAX_FILE_SIZE + 1), str(Path(path)))
+
+
+def load_stream(stream: BinaryIO, name: str) -> Model:
+    """Model from an open binary stream, which is read to its end. Raises FormatError or InputError, with `name`."""
+    try:
+        data = stream.read(MAX_FILE_SIZE + 1)
+    except OSError as exc:
+        raise InputError(f"{name}: cannot be read: {exc.strerror}") from exc
+    return _loads(data, name)
+
+
+def _loads(data: bytes, name: str) -> Model:
     try:
         if len(data) > MAX_FILE_SIZE:
             raise LimitError(f"the file has more than {MAX_FILE_SIZE} bytes, the most that the format allows")
         return loads(data)
     except FormatError as exc:
-        raise type(exc)(f"{Path(path)}: {exc}") from exc
+        raise type(exc)(f"{name}: {exc}") from exc
 
 
 def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
