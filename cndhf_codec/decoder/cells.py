@@ -27,6 +27,8 @@ PATCHES = 256  # along the longer side of a DHF's domain
 SAFETY = 4.0
 ROUNDING = 1e-5  # added to every bound: ten times what float32 evaluation differs by, in normalised units
 
+MARGIN = 10 * ROUNDING  # of the cells' box around the solid
+
 NEIGHBOURS = np.array([1, 1])
 
 SHARED = 7  # DHF i has bit i % SHARED of a cell's state
@@ -45,8 +47,7 @@ class CellGrid:
         lo, hi = _common_box(dhfs)
         # Once to find the solid's box, and once in that.
         for _ in range(2):
-            size = max(float((hi - lo).max()), ROUNDING)
-            self.edge = size / CELLS
+            self.edge = float((hi - lo).max()) / CELLS
             n = np.maximum(np.ceil((hi - lo) / (BLOCK * self.edge)).astype(int), 1)  # blocks
             self.origin = (lo + hi) / 2 - n / 2 * (BLOCK * self.edge)
             blocks = self._states(bounds, _indices(n), BLOCK, np.full(n.prod(), ANY, np.uint8)).reshape(n)
@@ -207,12 +208,12 @@ def _window(values: npt.NDArray[Any], radius: I64, pick: np.ufunc) -> npt.NDArra
 
 
 def _common_box(dhfs: Sequence[Dhf]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Box of the normalised frame that holds the domain boxes' intersection; of size zero where it is empty."""
+    """Box of the normalised frame around the domain boxes' intersection; all of the surface is inside it."""
     lo, hi = np.full(3, -np.inf), np.full(3, np.inf)
     for dhf in dhfs:
         corners = dhf.bounds[[0, 1, 2], _indices([2, 2, 2])].astype(np.float64) @ dhf.record.rotation
         lo, hi = np.maximum(lo, corners.min(axis=0)), np.minimum(hi, corners.max(axis=0))
-    return lo, np.maximum(lo, hi)
+    return lo - MARGIN, np.maximum(lo, hi) + MARGIN
 
 
 def _indices(shape: Sequence[int] | I64) -> I64:

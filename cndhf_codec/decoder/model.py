@@ -150,8 +150,8 @@ class Model:
         both arguments are, else float64. Normals face outward and are of length one.
         A ray that starts inside hits where it leaves the solid; its normal then points along it. One that starts on
         the surface may hit there.
-        With s the longest side of the solid's box, points are off by 1e-6 s at most along their rays, where f is
-        smooth enough for float32. A ray's crossings there and back less than s / 1000 apart may be missed.
+        With s the longest side of the solid's box: points are within 2e-6 s of the surface, and so are distances but
+        where a ray grazes it. Where a ray goes in and out again within s / 1000, both crossings may be missed.
         Raises OptionError when a last dimension is not 3 or the shapes do not broadcast.
         """
         from_, along = (_last_dimension(a, 3) for a in (origins, directions))

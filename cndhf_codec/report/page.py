@@ -75,8 +75,9 @@ def _pictures(c: Comparison, up: str) -> list[str]:
             errors.append(np.where(hit[:, None], heat * (0.55 + 0.45 * picture.mean(axis=1, keepdims=True)), 1.0))
         figure = Figure(figsize=(15, 4), layout="constrained")
         axes: Any = figure.subplots(1, 4)
+        crop = _filled(seen[0][0], seen[1][0])
         for axis, image, title in zip(axes, [*shaded, *errors], ("A", "B", "A to B", "B to A"), strict=True):
-            axis.imshow(image.reshape(SIZE, SIZE, 3))
+            axis.imshow(image.reshape(SIZE, SIZE, 3)[crop])
             axis.set_title(title)
             axis.axis("off")
         figure.colorbar(colours, ax=list(axes), label="distance, input units", shrink=0.8)
@@ -89,3 +90,11 @@ def _pictures(c: Comparison, up: str) -> list[str]:
 def _distances(points: npt.NDArray[np.float64], shape: Shape) -> npt.NDArray[np.float64]:
     igl: Any = require("igl", "encode")
     return np.sqrt(igl.point_mesh_squared_distance(points, np.ascontiguousarray(shape.vertices), shape.faces)[0])
+
+
+def _filled(*faces: npt.NDArray[np.int32]) -> tuple[slice, slice]:
+    """Rows and columns of the pictures in which there is something, and a few more."""
+    hit = np.any([face.reshape(SIZE, SIZE) >= 0 for face in faces], axis=0)
+    spans = [np.flatnonzero(hit.any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (slice(max(int(s[0]) - 8, 0), int(s[-1]) + 9) if len(s) else slice(None) for s in spans)
+    return rows, columns
