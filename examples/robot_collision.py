@@ -27,8 +27,10 @@ def capsule_points(start: np.ndarray, end: np.ndarray, radius: float, n: int = 2
     along = t * (length + 2 * radius) - radius  # the caps reach beyond the ends
     beyond = along - np.clip(along, 0, length)
     across = np.sqrt(np.maximum(radius**2 - beyond**2, 0))[:, None]
-    return start + along[:, None] * axis + across * (
-        np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side)
+    return (
+        start
+        + along[:, None] * axis
+        + across * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side))
     )
 
 

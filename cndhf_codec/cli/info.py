@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def _table(source: Path, info: dict[str, Any]) -> str:
         f"({info['bits_per_parameter']:.2f} of the whole file)",
         "",
     ]
-    rows = [
+    fields = [
         (
             str(i),
             " ".join(f"{x:+.3f}" for x in dhf["axis"]),
@@ -42,7 +43,7 @@ def _table(source: Path, info: dict[str, Any]) -> str:
         )
         for i, dhf in enumerate(info["dhfs"])
     ]
-    lines += _columns([("field", "axis", "width", "hidden layers", "weights"), *rows])
+    lines += _columns([("field", "axis", "width", "hidden layers", "weights"), *fields])
     lines += ["", "centre " + " ".join(f"{x:g}" for x in info["centre"]) + f", scale {info['scale']:g}"]
     if info["mean_error"] is not None:
         lines.append(
@@ -56,7 +57,7 @@ def _table(source: Path, info: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _columns(rows: list[tuple[str, ...]]) -> list[str]:
+def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """The first column to the left, the others to the right, two spaces apart."""
     widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
     return [

@@ -181,7 +181,9 @@ def _patch_bounds(values: F32, nodes: int) -> tuple[F32, F32]:
             b[1:-1] += d
             b[0] += d[0]
             b[-1] += d[-1]
-    margin = SAFETY / 8 * _window(_over_patches(bend, nodes, np.maximum), NEIGHBOURS, np.maximum) + ROUNDING
+    margin: F32 = np.float32(SAFETY / 8) * _window(
+        _over_patches(bend, nodes, np.maximum), NEIGHBOURS, np.maximum
+    ) + np.float32(ROUNDING)
     return _over_patches(values, nodes, np.minimum) - margin, _over_patches(values, nodes, np.maximum) + margin
 
 
@@ -218,4 +220,4 @@ def _common_box(dhfs: Sequence[Dhf]) -> tuple[npt.NDArray[np.float64], npt.NDArr
 
 def _indices(shape: Sequence[int] | I64) -> I64:
     """(N, 3) indices of an array of that shape, in order."""
-    return np.stack(np.indices(tuple(shape)), axis=-1).reshape(-1, 3)
+    return np.indices(tuple(shape)).reshape(3, -1).T

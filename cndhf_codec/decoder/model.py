@@ -184,9 +184,7 @@ class Model:
                 self._cells = CellGrid(self._dhfs)
             return self._cells
 
-    def _normalised(
-        self, points: npt.NDArray[np.floating], size: int
-    ) -> Iterator[tuple[slice, F32]]:
+    def _normalised(self, points: npt.NDArray[np.floating], size: int) -> Iterator[tuple[slice, F32]]:
         """(N, 3) points of input coordinates, `size` at a time: (which they are, in the normalised frame)."""
         centre = np.tile(self._centre, min(size, len(points)))
         for at in range(0, len(points), size):

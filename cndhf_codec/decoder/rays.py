@@ -62,9 +62,9 @@ def _clip(cells: CellGrid, origins: F64, directions: F64) -> tuple[F64, F64]:
 def _in_box(cells: CellGrid, start: F32, direction: F32, length: F64) -> F64:
     """As `first_crossings`, for rays that start in the box and leave it after `length`."""
 
-    def inside(rays: npt.NDArray[np.int64], t: F32) -> npt.NDArray[np.bool_]:
+    def inside(rays: npt.NDArray[np.int64], t: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
         """Whether rays are inside at distances t (len(rays), k)."""
-        points = start[rays, None] + t[..., None] * direction[rays, None]
+        points = start[rays, None] + t[..., None].astype(np.float32) * direction[rays, None]
         return cells.contains(points.reshape(-1, 3)).reshape(t.shape)
 
     # Rays are cut into segments as long as a cell's edge. All of a segment is in its middle's cell or one next to

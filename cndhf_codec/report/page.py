@@ -36,7 +36,9 @@ def page(comparison: Comparison, up: str = "y") -> str:
         f"<tr><th>{name}</th><td>{values[key]:.4g}</td><td>{values['percent'][key]:.4f} %</td></tr>"
         for key, name in names
     )
-    images = "".join(f'<img alt="view {i + 1}" src="data:image/png;base64,{p}">' for i, p in enumerate(_pictures(c, up)))
+    images = "".join(
+        f'<img alt="view {i + 1}" src="data:image/png;base64,{p}">' for i, p in enumerate(_pictures(c, up))
+    )
     return f"""<!DOCTYPE html>
 <html lang="en"><meta charset="utf-8"><title>{escape(c.a.name)} and {escape(c.b.name)}</title><style>{STYLE}</style>
 <h1>{escape(c.a.name)} and {escape(c.b.name)}</h1>

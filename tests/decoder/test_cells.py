@@ -104,7 +104,15 @@ def test_small_questions_make_no_cells(golden):
 def test_points_anywhere():
     model = MODELS["two"]()
     model._asked = model_module.CELLS_FROM
-    far = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf], [1e300, 0, 0], [-1e30, 1e30, 1e30], [1e9, 6, 7], [-1e9, 6, 7]]
+    far = [
+        [np.nan, 0, 0],
+        [0, np.inf, 0],
+        [0, 0, -np.inf],
+        [1e300, 0, 0],
+        [-1e30, 1e30, 1e30],
+        [1e9, 6, 7],
+        [-1e9, 6, 7],
+    ]
     assert not model.contains(far).any()
     assert not model.contains(np.array(far, np.float64).clip(-1e38, 1e38).astype(np.float32)).any()
     inside = np.array(model.container.centre, np.float32)
@@ -116,7 +124,8 @@ def test_points_anywhere():
 def test_float32_points_of_a_far_solid_are_taken_as_they_are():
     model = analytic.model(waves(1), centre=(1e5, 0, 0), scale=1.0)
     model._asked = model_module.CELLS_FROM
-    points = (np.random.default_rng(0).uniform(-1, 1, (20_000, 3)) + [1e5, 0, 0]).astype(np.float32)
+    points = np.random.default_rng(0).uniform(-1, 1, (20_000, 3)) + np.array([1e5, 0, 0])
+    points = points.astype(np.float32)
     assert np.array_equal(model.contains(points), model.contains(points.astype(np.float64)))
 
 
