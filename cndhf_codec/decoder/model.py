@@ -32,8 +32,8 @@ class Model:
 
     Points go in, and surfaces and distances come out, in the coordinates and units of the mesh that was encoded.
     Points may be float32 or float64; far from the origin only float64 can say them. All queries work in pieces:
-    besides what goes in and comes out they hold 60 MB at most, whatever the number of points. A model may be used
-    from several threads at once.
+    besides what goes in and comes out they hold 60 MB at most, whatever the number of points, and for a moment a
+    megabyte for each double height field. A model may be used from several threads at once.
     """
 
     def __init__(self, container: fmt.Container, sections: dict[str, int] | None = None) -> None:
@@ -90,8 +90,13 @@ class Model:
         """
         if not 0 <= i < len(self._dhfs):
             raise OptionError(f"there is no DHF {i}; this model has {len(self._dhfs)}")
-        array = _last_dimension(uv, 2).astype(np.float32)
-        return self._dhfs[i].heights(array.reshape(-1, 2)).reshape(array.shape)
+        array = _last_dimension(uv, 2)
+        flat = array.reshape(-1, 2)
+        out = np.empty(flat.shape, dtype=np.float32)
+        for at in range(0, len(flat), CHUNK):
+            part = slice(at, at + CHUNK)
+            out[part] = self._dhfs[i].heights(flat[part].astype(np.float32))
+        return out.reshape(array.shape)
 
     @overload
     def implicit(self, points: npt.ArrayLike, gradient: Literal[False] = False) -> F32: ...
