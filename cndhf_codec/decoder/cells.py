@@ -83,16 +83,15 @@ class CellGrid:
 
     def lookup(self, points: F32, states: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
         """The value in `states`, one a cell with the border, of the cells of (N, 3) normalised points."""
-        # Flat, because numpy is several times slower over rows of three.
-        g = points.reshape(-1) - np.tile((self.origin - self.edge).astype(np.float32), len(points))
-        g /= np.float32(self.edge)
-        with np.errstate(invalid="ignore"):
-            cell = g.astype(np.int32).reshape(-1, 3).view(np.uint32)
-        # As unsigned numbers what is below zero or not finite is huge (or 0, which is border too).
         flat = np.zeros(len(points), np.intp)
         for k in range(3):
+            with np.errstate(invalid="ignore", over="ignore"):
+                g = points[:, k] - np.float32(self.origin[k] - self.edge)
+                g /= np.float32(self.edge)
+                cell = g.astype(np.int32).view(np.uint32)
+            # As unsigned numbers what is below zero or not finite is huge (or 0, which is border too).
             flat *= self.shape[k]
-            flat += np.minimum(cell[:, k], np.uint32(self.shape[k] - 1))
+            flat += np.minimum(cell, np.uint32(self.shape[k] - 1), out=cell)
         return states[flat]
 
     def contains(self, points: F32) -> npt.NDArray[np.bool_]:
