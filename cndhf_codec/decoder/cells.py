@@ -23,7 +23,7 @@ PATCHES = 256  # along the longer side of a DHF's domain
 
 # A smooth function strays from the bilinear interpolation of a patch's corners by at most an eighth of its greatest
 # second differences along both sides. They are known at nodes only: taken from the neighbours too, and four times
-# as large, they held at all of 4e7 random points of twelve models, as twice or without neighbours they did not.
+# as large, they held at all of 4e7 random points of 41 fitted DHFs, as twice or without neighbours they did not.
 SAFETY = 4.0
 ROUNDING = 1e-5  # added to every bound: ten times what float32 evaluation differs by, in normalised units
 
