@@ -11,13 +11,15 @@ from pathlib import Path
 
 import click
 import numpy as np
-from picture import plt, shade, view_frame
+from picture import plt
 
 from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.read import read_mesh
+from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.verify import surface_distances
 from cndhf_codec.errors import CndhfError
+from cndhf_codec.report.render import shade, view_frame, visible
 
 WALL = "1%"
 COLUMNS = "mesh\toptions\toutcome\tbytes\tCD\tp99\tmaximum\tseconds\tassumptions"
@@ -30,7 +32,10 @@ Row = tuple[str, list[np.ndarray]]  # a line of the table, and the pictures of w
 def pictures(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
     # What is not all inside the unit ball is a floater: keep it in the picture.
     scale = max(1.0, float(np.linalg.norm(vertices, axis=1).max()))
-    return [shade(vertices / scale, faces, view_frame(*view, "y"), PICTURE) for view in VIEWS]
+    solid = Solid(vertices / scale, faces.copy())
+    frames = [view_frame(*view) for view in VIEWS]
+    images = [shade(solid, frame, visible(solid, frame, PICTURE)[0]) for frame in frames]
+    return [image.reshape(PICTURE, PICTURE, 3) for image in images]
 
 
 def row(path: Path, thicken: str | None) -> Row:

@@ -27,13 +27,19 @@ def info() -> None:
     sys.exit(_run("info"))
 
 
+def compare() -> None:
+    """`cndhf-compare`"""
+    sys.exit(_run("compare"))
+
+
 def _run(name: str) -> int:
     program = f"cndhf-{name}"
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A file name that the terminal's encoding cannot say is no reason to fail when all is done.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        click = require("click", "encode" if name == "encode" else "mesh" if name == "decode" else "cli")
+        extra = {"info": "cli", "decode": "mesh"}.get(name, "encode")
+        click = require("click", extra)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)
     # The first import of a submodule binds it to its name here, which is the console script's: put that back.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 from typing import Literal
@@ -10,6 +11,9 @@ import click
 
 from ..errors import OptionError
 from ..files import check_output
+
+STREAM = Path("-")
+COARSEST = 8  # the least resolution
 
 
 @click.command(context_settings={"show_default": True})
@@ -31,6 +35,15 @@ from ..files import check_output
 @click.option("--faces", type=int, help="For --method intersection: at most so many triangles, in place of an error.")
 @click.option("--normals", is_flag=True, help="Write vertex normals (.ply, .obj, .glb), from the analytic gradient.")
 @click.option(
+    "--format", "format_", type=click.Choice(["ply", "obj", "stl", "off", "glb"]), help="What to write to OUTPUT -."
+)
+@click.option(
+    "--lod",
+    metavar="N",
+    type=int,
+    help="Write N levels of detail: OUTPUT.lod0.EXT at --resolution, OUTPUT.lod1.EXT at half of it, and so on.",
+)
+@click.option(
     "--occupancy",
     metavar="GRID.npz",
     type=click.Path(path_type=Path),
@@ -47,42 +60,72 @@ def command(
     max_error: str | None,
     faces: int | None,
     normals: bool,
+    format_: str | None,
+    lod: int | None,
     occupancy: Path | None,
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Turn INPUT.cndhf into the mesh OUTPUT; its extension says how: .ply, .obj, .stl, .off or .glb."""
+    """Turn INPUT.cndhf into the mesh OUTPUT; its extension says how: .ply, .obj, .stl, .off or .glb.
+
+    INPUT or OUTPUT may be `-`, the standard input or output; --format says how then.
+    """
     from ..decoder.gridfile import write_grid
-    from ..decoder.meshfile import check_extension, check_normals, write_mesh
-    from ..decoder.model import load
+    from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
+    from ..decoder.model import load, load_stream
 
     if target is None and occupancy is None:
         raise OptionError("nothing to write: name an OUTPUT mesh, or --occupancy GRID.npz")
-    if target is not None:
-        check_extension(target)
+    to_stream = target == STREAM
+    if to_stream != (format_ is not None):
+        raise OptionError("--format belongs to the OUTPUT -: a file's extension says its format")
+    if lod is not None and (target is None or to_stream or method == "intersection"):
+        raise OptionError("--lod needs an OUTPUT file, to name its levels after, and marching cubes")
+    levels = {} if target is None else {target: resolution} if lod is None else _levels(target, resolution, lod)
+    for path in levels:
         if normals:
-            check_normals(target)
-        check_output(target, overwrite)
+            check_normals(Path(f"-.{format_}") if to_stream else path)
+        if not to_stream:
+            check_extension(path)
+            check_output(path, overwrite)
     if occupancy is not None:
         check_output(occupancy, overwrite)
-    if target is not None and occupancy is not None and target.absolute() == occupancy.absolute():
-        raise OptionError(f"{target}: the mesh and the grid cannot be one file; name two")
-    model = load(source)
-    # Both are made before either is written: an interrupt leaves nothing.
+        if occupancy.absolute() in [path.absolute() for path in levels]:
+            raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
+    model = load_stream(sys.stdin.buffer, "standard input") if source == STREAM else load(source)
+    # All are made before one is written: an interrupt leaves nothing.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mesh = None if target is None else model.to_mesh(resolution, method, max_error, faces, normals)
+        meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
     for warning in caught:
         click.echo(f"cndhf-decode: warning: {source}: {warning.message}", err=True)
     grid = None if occupancy is None else model.occupancy(resolution)
-    if mesh is not None and target is not None:
-        note = write_mesh(mesh, target, overwrite, normals)
+    for path, mesh in meshes.items():
+        if format_ is not None:
+            data, note = mesh_bytes(mesh, format_, normals)
+            sys.stdout.buffer.write(data)
+            sys.stdout.buffer.flush()
+        else:
+            note = write_mesh(mesh, path, overwrite, normals)
         if note is not None:
             click.echo(f"cndhf-decode: warning: {note}", err=True)
+        if to_stream:
+            continue
         if not quiet:
-            click.echo(f"{target}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
+            click.echo(f"{path}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
     if grid is not None and occupancy is not None:
         write_grid(occupancy, *grid, overwrite)
         if not quiet:
             shape = " x ".join(str(n) for n in grid[0].shape)
-            click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside")
+            # Beside a mesh on the standard output there is no place for words.
+            click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
+
+
+def _levels(target: Path, resolution: int, n: int) -> dict[Path, int]:
+    """Paths and resolutions of levels of detail: each has a quarter of the triangles of the one before."""
+    if n < 1 or resolution >> (n - 1) < COARSEST:
+        raise OptionError(
+            f"--lod is {n}: 1 or more, and the last level's resolution, {resolution} halved {max(n - 1, 0)} times, "
+            f"must be {COARSEST} or more"
+        )
+    return {target.with_name(f"{target.stem}.lod{k}{target.suffix}"): resolution >> k for k in range(n)}

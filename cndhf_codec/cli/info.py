@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import click
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.version_option(package_name="cndhf-codec")
 def command(source: Path, as_json: bool) -> None:
-    """Print what INPUT.cndhf holds: size, double height fields, measured error in input units."""
+    """Print what INPUT.cndhf holds: bytes by section, double height fields, measured error in input units."""
     from ..decoder.model import load
 
     info = load(source).info
@@ -22,16 +23,28 @@ def command(source: Path, as_json: bool) -> None:
 
 
 def _table(source: Path, info: dict[str, Any]) -> str:
+    rows = [(name, f"{n}", f"{100 * n / info['bytes']:.1f} %") for name, n in info["sections"].items()]
     lines = [
-        f"{source}: {info['bytes']} bytes, {info['parameters']} parameters, "
-        f"{info['bits_per_parameter']:.2f} bits a parameter",
-        f"centre {info['centre']}, scale {info['scale']:g}",
+        f"{source}: {info['bytes']} bytes",
+        "",
+        *_columns([("section", "bytes", "share"), *rows]),
+        "",
+        f"{info['parameters']} weights, {8 * info['sections']['weights'] / info['parameters']:.2f} bits each "
+        f"({info['bits_per_parameter']:.2f} of the whole file)",
+        "",
     ]
-    for i, dhf in enumerate(info["dhfs"]):
-        lines.append(
-            f"DHF {i}: axis {dhf['axis']}, width {dhf['width']}, {dhf['hidden_layers']} hidden layers, "
-            f"{dhf['parameters']} parameters"
+    fields = [
+        (
+            str(i),
+            " ".join(f"{x:+.3f}" for x in dhf["axis"]),
+            str(dhf["width"]),
+            str(dhf["hidden_layers"]),
+            str(dhf["parameters"]),
         )
+        for i, dhf in enumerate(info["dhfs"])
+    ]
+    lines += _columns([("field", "axis", "width", "hidden layers", "weights"), *fields])
+    lines += ["", "centre " + " ".join(f"{x:g}" for x in info["centre"]) + f", scale {info['scale']:g}"]
     if info["mean_error"] is not None:
         lines.append(
             f"measured error, input units: mean {info['mean_error']:.4g}, p99 {info['p99_error']:.4g}, "
@@ -42,6 +55,15 @@ def _table(source: Path, info: dict[str, Any]) -> str:
     if info["source"] is not None:
         lines.append(f"source {_printable(info['source'])}")
     return "\n".join(lines)
+
+
+def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """The first column to the left, the others to the right, two spaces apart."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
+        for row in rows
+    ]
 
 
 def _printable(text: str) -> str:

@@ -33,42 +33,48 @@ def check_normals(path: str | os.PathLike[str]) -> None:
         raise OptionError(f"{Path(path)}: this format holds no vertex normals; .ply, .obj and .glb do")
 
 
+def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[bytes, str | None]:
+    """The bytes of a mesh file, and a line of warning where the format cannot keep the precision: STL, float32.
+
+    extension: one of `EXTENSIONS` without its dot. Far from the origin, where float32 would round the coordinates by
+    more than a millionth of the mesh's size, a PLY holds float64 and a GLB moves its mesh by a node's transform.
+    """
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
+    normals = np.asarray(mesh.vertex_normals) if with_normals else None
+    size = float(np.ptp(vertices, axis=0).max())
+    rounding = float(np.spacing(np.float32(np.abs(vertices).max())) / 2)
+    coarse = rounding > FINE * size
+    if extension == "obj":
+        return _obj(vertices, faces, normals), None
+    if extension == "off":
+        return _off(vertices, faces), None
+    if extension == "ply" and coarse:
+        return _double_ply(vertices, faces, normals), None
+    if extension == "glb" and coarse:
+        return _moved_glb(vertices, faces, normals), None
+    options = {WITH_NORMALS[extension]: with_normals} if extension in WITH_NORMALS else {}
+    data = mesh.export(file_type=extension, **options)
+    if not coarse:
+        return data, None
+    return data, (
+        f"STL holds float32: so far from the origin positions are rounded by {rounding:.2g}; "
+        "write .ply, .obj, .off or .glb to keep them"
+    )
+
+
 def write_mesh(
     mesh: Any, path: str | os.PathLike[str], overwrite: bool = False, with_normals: bool = False
 ) -> str | None:
     """Write a `trimesh.Trimesh`, whole or not at all; with_normals: and its vertex normals.
 
-    Far from the origin, where float32 would round the coordinates by more than a millionth of the mesh's size, a PLY
-    holds float64 and a GLB moves its mesh by a node's transform. Returns a line of warning where a format cannot keep
-    the precision: STL, which is float32. Raises OptionError or OutputError.
+    Returns the warning of `mesh_bytes`, after the path. Raises OptionError or OutputError.
     """
-    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
     extension = check_extension(path)
     if with_normals:
         check_normals(path)
-    normals = np.asarray(mesh.vertex_normals) if with_normals else None
-    size = float(np.ptp(vertices, axis=0).max())
-    rounding = float(np.spacing(np.float32(np.abs(vertices).max())) / 2)
-    coarse = rounding > FINE * size
-    warning = None
-    if extension == "obj":
-        data = _obj(vertices, faces, normals)
-    elif extension == "off":
-        data = _off(vertices, faces)
-    elif extension == "ply" and coarse:
-        data = _double_ply(vertices, faces, normals)
-    elif extension == "glb" and coarse:
-        data = _moved_glb(vertices, faces, normals)
-    else:
-        options = {WITH_NORMALS[extension]: with_normals} if extension in WITH_NORMALS else {}
-        data = mesh.export(file_type=extension, **options)
-        if coarse:
-            warning = (
-                f"{Path(path)}: STL holds float32: so far from the origin positions are rounded by {rounding:.2g}; "
-                "write .ply, .obj, .off or .glb to keep them"
-            )
+    data, warning = mesh_bytes(mesh, extension, with_normals)
     write_atomically(path, data, overwrite)
-    return warning
+    return None if warning is None else f"{Path(path)}: {warning}"
 
 
 def _obj(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:

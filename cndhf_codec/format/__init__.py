@@ -1,7 +1,7 @@
 """The `.cndhf` container: bytes <-> Container. Needs numpy and zstandard only. See spec/cndhf.md."""
 
 from .container import Container, DhfRecord, Metadata
-from .reader import loads, loads_prefix, read_header
+from .reader import loads, loads_prefix, read_header, section_sizes
 from .writer import dumps
 
-__all__ = ["Container", "DhfRecord", "Metadata", "dumps", "loads", "loads_prefix", "read_header"]
+__all__ = ["Container", "DhfRecord", "Metadata", "dumps", "loads", "loads_prefix", "read_header", "section_sizes"]

@@ -177,6 +177,18 @@ class _Draft:
         return [math.prod(shape) for shape in tensor_shapes(self.width, self.hidden_layers)]
 
 
+def section_sizes(data: bytes) -> dict[str, int]:
+    """Bytes of a valid file by what they are for: their sum is the file's size. "layout" is the header, the section
+    table and the checksum; "other" is sections that this decoder skips. Raises FormatError."""
+    names = {c.KIND_RECORDS: "records", c.KIND_WEIGHTS: "weights", c.KIND_METADATA: "metadata"}
+    sections = read_header(data).sections
+    out = {"layout": len(data) - sum(s.length for s in sections)}
+    for section in sections:
+        name = names.get(section.kind, "other")
+        out[name] = out.get(name, 0) + section.length
+    return out
+
+
 def _check_signature(data: bytes) -> None:
     if data[:8] == c.SIGNATURE:
         return

@@ -1,4 +1,4 @@
-"""The three commands: what they write and print, and one line and an exit code for whatever goes wrong."""
+"""The commands: what they write and print, and one line and an exit code for whatever goes wrong."""
 
 from __future__ import annotations
 
@@ -180,6 +180,91 @@ def test_decode_to_both(run, model, tmp_path):
     assert grid.exists()
 
 
+def test_decode_to_levels_of_detail(run, fails, model, tmp_path):
+    code, out, err = run("decode", model, tmp_path / "a.glb", "--lod", "3", "--resolution", "48")
+    assert (code, err) == (0, "")
+    assert sorted(os.listdir(tmp_path)) == ["a.lod0.glb", "a.lod1.glb", "a.lod2.glb"]
+    assert len(out.splitlines()) == 3
+    for k, path in enumerate(sorted(tmp_path.iterdir())):
+        assert len(trimesh.load(path, force="mesh").faces) == len(load(model).to_mesh(48 >> k).faces)
+    # One level that exists stops all of them, before any work.
+    (tmp_path / "a.lod0.glb").unlink()
+    assert "a.lod1.glb: exists already" in fails(1, "decode", model, tmp_path / "a.glb", "--lod", "2")
+    for n, resolution in (("0", "64"), ("-1", "64"), ("5", "64")):
+        arguments = [model, tmp_path / "b.glb", "--lod", n, "--resolution", resolution]
+        assert f"--lod is {n}" in fails(2, "decode", *arguments)
+
+
+@pytest.mark.parametrize("extension", ["ply", "glb", "obj"])
+def test_decode_from_and_to_a_stream(run, model, tmp_path, extension):
+    code = "from cndhf_codec import cli; cli.decode()"
+    command = [sys.executable, "-c", code, "-", "-", "--format", extension, "--resolution", "16"]
+    done = subprocess.run(command, input=model.read_bytes(), capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert run("decode", model, tmp_path / f"a.{extension}", "--resolution", "16")[0] == 0
+    assert done.stdout == (tmp_path / f"a.{extension}").read_bytes()
+
+
+def test_a_stream_with_a_grid_beside_it_carries_the_mesh_only(model, tmp_path):
+    code = "from cndhf_codec import cli; cli.decode()"
+    options = ["--format", "off", "--resolution", "16", "--occupancy", tmp_path / "a.npz"]
+    done = subprocess.run([sys.executable, "-c", code, model, "-", *options], capture_output=True, check=False)
+    assert done.returncode == 0
+    assert done.stdout.startswith(b"OFF")
+    assert b"a.npz" in done.stderr
+    assert b"a.npz" not in done.stdout
+
+
+def test_damage_in_a_stream(tmp_path, model):
+    code = "from cndhf_codec import cli; cli.decode()"
+    command = [sys.executable, "-c", code, "-", tmp_path / "a.ply"]
+    done = subprocess.run(command, input=model.read_bytes()[:-1], capture_output=True, text=False, check=False)
+    assert (done.returncode, done.stdout) == (1, b"")
+    assert done.stderr.startswith(b"cndhf-decode: error: standard input: the file has")
+    assert not (tmp_path / "a.ply").exists()
+
+
+def test_info_as_a_table(run, model):
+    code, out, err = run("info", model)
+    assert (code, err) == (0, "")
+    rows = [line.split() for line in out.splitlines()]
+    sections = {row[0]: int(row[1]) for row in rows if len(row) == 4 and row[3] == "%"}
+    assert sorted(sections) == ["layout", "metadata", "records", "weights"]
+    assert sum(sections.values()) == model.stat().st_size
+    assert sum(row[:1] in (["0"], ["1"]) for row in rows) == len(load(model).container.dhfs)
+    assert "bits each" in out
+
+
+def test_compare(run, box, tmp_path):
+    other = trimesh.creation.box((1.02, 0.5, 0.25))
+    other.export(tmp_path / "other.stl")
+    code, out, err = run("compare", box, tmp_path / "other.stl")
+    assert (code, err) == (0, "")
+    assert [line.split()[0] for line in out.splitlines()[1:]] == ["Chamfer", "p99", "Hausdorff"]
+    code, out, err = run("compare", box, tmp_path / "other.stl", "--json")
+    values = json.loads(out)
+    assert (code, err) == (0, "")
+    assert values["hausdorff"] == pytest.approx(0.01, rel=0.01)
+    assert values["percent"]["hausdorff"] == pytest.approx(1 / np.linalg.norm([1, 0.5, 0.25]), rel=0.01)
+
+
+def test_compare_with_a_cndhf_file(run, model, tmp_path):
+    load(model).to_mesh(32).export(tmp_path / "a.ply")
+    code, out, err = run("compare", tmp_path / "a.ply", model, "--json", "--resolution", "32")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["percent"]["hausdorff"] < 1e-3
+
+
+def test_compare_writes_a_page(run, fails, box, tmp_path, monkeypatch):
+    from cndhf_codec.report import page
+
+    monkeypatch.setattr(page, "SIZE", 64)
+    assert run("compare", box, box, "--html", tmp_path / "a.html")[0] == 0
+    assert (tmp_path / "a.html").read_text().count("data:image/png") == 3
+    assert "exists already" in fails(1, "compare", box, box, "--html", tmp_path / "a.html")
+    assert "gone.ply: no such file" in fails(1, "compare", box, tmp_path / "gone.ply")
+
+
 def test_mesh_and_grid_are_two_files(fails, model, tmp_path):
     both = tmp_path / "a.ply"
     assert "cannot be one file" in fails(2, "decode", model, both, "--occupancy", both)
@@ -330,6 +415,12 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
         ("encode", ["a.ply", "a.cndhf", "extra"], "extra"),
         ("decode", ["MODEL"], "nothing to write"),
         ("decode", ["MODEL", "a.step"], "unknown mesh extension"),
+        ("decode", ["MODEL", "-"], "--format"),
+        ("decode", ["MODEL", "a.ply", "--format", "obj"], "--format"),
+        ("decode", ["MODEL", "-", "--format", "step"], "step"),
+        ("decode", ["MODEL", "-", "--format", "ply", "--lod", "2"], "--lod"),
+        ("compare", ["MODEL"], "B"),
+        ("compare", ["MODEL", "MODEL", "--resolution", "7"], "resolution is 7"),
         ("decode", ["MODEL", "a.ply", "--resolution", "7"], "resolution is 7"),
         ("decode", ["MODEL", "a.ply", "--resolution", "many"], "many"),
         ("info", [], "INPUT"),
@@ -340,7 +431,7 @@ def test_wrong_arguments(fails, model, tmp_path, monkeypatch, name, arguments, m
     assert message in fails(2, name, *(model if a == "MODEL" else a for a in arguments))
 
 
-@pytest.mark.parametrize("name", ["encode", "decode", "info"])
+@pytest.mark.parametrize("name", ["encode", "decode", "info", "compare"])
 def test_help_and_version(run, name):
     code, out, err = run(name, "--help")
     assert (code, err) == (0, "")
@@ -356,6 +447,8 @@ def test_help_and_version(run, name):
         ("encode", "click", "encode"),
         ("decode", "click", "mesh"),
         ("info", "click", "cli"),
+        ("compare", "click", "encode"),
+        ("compare", "igl", "encode"),
         ("encode", "torch", "encode"),
         ("encode", "trimesh", "encode"),
         ("encode", "embreex", "encode"),
@@ -364,7 +457,8 @@ def test_help_and_version(run, name):
 )
 def test_missing_extra(model, box, tmp_path, name, gone, extra):
     # In a fresh interpreter: nothing that this process has imported may stand in for the missing library.
-    arguments = {"encode": [box, tmp_path / "a.cndhf"], "decode": [model, tmp_path / "a.ply"], "info": [model]}[name]
+    arguments = {"encode": [box, tmp_path / "a.cndhf"], "decode": [model, tmp_path / "a.ply"], "info": [model]}
+    arguments = {**arguments, "compare": [box, box]}[name]
     code = f"import sys; sys.modules[{gone!r}] = None; from cndhf_codec import cli; cli.{name}()"
     command = [sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -88,7 +88,7 @@ watch = Watch()
 def one_input(data: bytes) -> None:
     watch.begin()
     try:
-        model = Model(fmt.loads(data), len(data))
+        model = Model(fmt.loads(data))
     except FormatError as exc:
         watch.end(False, data)
         if "\n" in str(exc):

@@ -1,0 +1,48 @@
+"""`cndhf-compare`: how far two shapes are from each other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from ..files import check_output, write_atomically
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("a", metavar="A", type=click.Path(path_type=Path))
+@click.argument("b", metavar="B", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option(
+    "--html",
+    metavar="REPORT.html",
+    type=click.Path(path_type=Path),
+    help="Write a page with pictures of both and of the error.",
+)
+@click.option("--up", type=click.Choice(["y", "z"]), default="y", help="Which axis points up in the pictures.")
+@click.option("--resolution", type=int, default=384, help="Of a .cndhf file's surface, as in cndhf-decode.")
+@click.option("--overwrite", is_flag=True, help="Replace REPORT.html if it exists.")
+@click.version_option(package_name="cndhf-codec")
+def command(a: Path, b: Path, as_json: bool, html: Path | None, up: str, resolution: int, overwrite: bool) -> None:
+    """Measure the distances between the surfaces A and B: meshes (OBJ, PLY, STL, OFF, GLB) or .cndhf files.
+
+    In input units, and in percent of the diagonal of A's bounding box, so A should be the original. Chamfer is the
+    mean of the two directed mean distances; p99 and Hausdorff are of 200,000 points on each surface.
+    """
+    from ..report.compare import compare, read_shape
+
+    if html is not None:
+        check_output(html, overwrite)
+    result = compare(read_shape(a, resolution), read_shape(b, resolution))
+    if html is not None:
+        from ..report.page import page
+
+        write_atomically(html, page(result, up).encode(), overwrite)
+    values = result.as_dict()
+    if as_json:
+        click.echo(json.dumps(values, indent=2))
+        return
+    click.echo(f"{a} ({result.a.bytes} bytes) and {b} ({result.b.bytes} bytes), diagonal {result.diagonal:.4g}")
+    for key, name in (("chamfer", "Chamfer"), ("p99", "p99"), ("hausdorff", "Hausdorff")):
+        click.echo(f"{name:<10}{values[key]:<12.4g}{values['percent'][key]:.4f} %")

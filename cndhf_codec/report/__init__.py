@@ -1,0 +1,1 @@
+"""Two shapes measured against each other: numbers, and a page with pictures. Needs the `encode` extra."""

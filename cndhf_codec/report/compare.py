@@ -1,0 +1,74 @@
+"""Distances between two shapes, each a mesh or a `.cndhf` file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..decoder.model import load
+from ..encoder.read import read_mesh
+from ..encoder.verify import Distances, surface_distances
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file."""
+
+    vertices: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    name: str
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """diagonal: of the bounding box of `a`, input units, as are `distances`."""
+
+    a: Shape
+    b: Shape
+    diagonal: float
+    distances: Distances
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values. Distances in input units; `percent`: in percent of the diagonal."""
+        units = {
+            "chamfer": self.distances.chamfer,
+            "p99": self.distances.p99,
+            "hausdorff": self.distances.maximum,
+        }
+        shapes = {
+            key: {"name": s.name, "bytes": s.bytes, "vertices": len(s.vertices), "faces": len(s.faces)}
+            for key, s in (("a", self.a), ("b", self.b))
+        }
+        return {
+            **shapes,
+            "diagonal": self.diagonal,
+            **units,
+            "percent": {key: 100 * value / self.diagonal for key, value in units.items()},
+        }
+
+
+def read_shape(path: str | os.PathLike[str], resolution: int) -> Shape:
+    """The surface of a mesh file, or of a `.cndhf` file at `resolution` (as of `Model.to_mesh`).
+
+    Raises InputError, MeshError, FormatError, OptionError or SurfaceError.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".cndhf":
+        surface = load(path).to_mesh(resolution)
+        vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)
+    else:
+        mesh = read_mesh(path)
+        vertices, faces = mesh.vertices, mesh.faces
+    return Shape(vertices, faces, path.name, path.stat().st_size)
+
+
+def compare(a: Shape, b: Shape, seed: int = 0) -> Comparison:
+    """Area-uniform samples of each surface against the other: see `encoder.verify.surface_distances`."""
+    distances = surface_distances(a.vertices, a.faces, b.vertices, b.faces, seed)
+    return Comparison(a, b, float(np.linalg.norm(np.ptp(a.vertices, axis=0))), distances)

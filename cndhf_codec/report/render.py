@@ -1,0 +1,47 @@
+"""Pictures of meshes by orthographic ray casting: shading, and any value over the visible surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..encoder.solid import Solid
+
+F64 = npt.NDArray[np.float64]
+
+LIGHT = np.array([0.3, 0.4, 0.87])
+WARM = np.array([0.93, 0.86, 0.76])
+
+
+def view_frame(azimuth: float, elevation: float, up: str = "y") -> F64:
+    """(3, 3) rows right, up, towards the eye; angles in degrees."""
+    a, e = np.radians([azimuth, elevation])
+    eye = np.array([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)])
+    right = np.array([np.cos(a), 0, -np.sin(a)])
+    frame = np.stack([right, np.cross(eye, right), eye])
+    return frame if up == "y" else frame[:, [2, 0, 1]]
+
+
+def visible(solid: Solid, frame: F64, size: int) -> tuple[npt.NDArray[np.int32], F64]:
+    """What each pixel of a (size, size) picture of the unit ball sees.
+
+    Returns the face (size * size,), -1 for none, and where it is seen (size * size, 3).
+    """
+    side = (np.arange(size) + 0.5) / size * 2 - 1
+    x, y = np.meshgrid(side, -side)
+    origins = np.stack([x.ravel(), y.ravel(), np.full(x.size, 2.0)], axis=1) @ frame
+    face = solid.first_hits(origins, -frame[2])
+    # The ray with the face's plane; a face seen from its edge is seen somewhere, so the divisor needs a floor.
+    normal, corner = solid.normals[face], solid.vertices[solid.faces[face, 0]]
+    across = -normal @ frame[2]
+    across = np.where(np.abs(across) < 1e-9, 1e-9, across)
+    t = np.einsum("ij,ij->i", corner - origins, normal) / across
+    return face, origins - np.clip(t, 0, 4)[:, None] * frame[2]
+
+
+def shade(solid: Solid, frame: F64, face: npt.NDArray[np.int32]) -> F64:
+    """(N, 3) colours of pixels that see `face`; white where that is -1."""
+    normals = solid.normals[face] @ frame.T
+    normals *= np.where(normals[:, 2:] < 0, -1, 1)  # an open surface is looked at from both sides
+    lambert = np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1) * 0.8 + 0.2 * normals[:, 2].clip(0, 1)
+    return np.where(face[:, None] >= 0, lambert[:, None] * WARM, 1.0)
