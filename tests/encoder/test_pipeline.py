@@ -153,31 +153,21 @@ def test_formats_give_equal_bytes(tmp_path):
     assert encode(obj, "fast").dumps() == expected
 
 
-@pytest.mark.parametrize(
-    ("place", "size", "extension"), [(1e6, 1, "ply"), (1e6, 1, "glb"), (0, 1e-4, "obj"), (0, 1e6, "ply")]
-)
-def test_the_error_is_as_large_anywhere_and_in_any_unit(bracket, tmp_path, place, size, extension):
-    truth = trimesh.load(bracket)
-    truth.apply_scale(1 / truth.scale)
-    moved = trimesh.Trimesh(truth.vertices * size + [place, -place, 0], truth.faces, process=False)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(
-            settings.PRESETS,
-            "fast",
-            replace(SMALL, max_axes=1, width=10, steps=150, batch=512, tune_steps=100, samples=5000, rounds=1),
-        )
-        errors = []
-        for k, mesh in enumerate((truth, moved)):
-            write_mesh(mesh, tmp_path / f"in{k}.{extension}")
-            model, report = encode_with_report(tmp_path / f"in{k}.{extension}", "fast")
-            write_mesh(model.to_mesh(96), tmp_path / f"out{k}.{extension}")
-            back = read_mesh(tmp_path / f"out{k}.{extension}")
-            d = surface_distances(mesh.vertices, mesh.faces, back.vertices, back.faces, samples=20_000)
-            assert d.chamfer == pytest.approx(report.distances.chamfer, rel=0.05)
-            errors.append(d.chamfer / report.diagonal)
-    # The inputs differ by rounding, and short fits that start from such differences end a fifth apart.
-    assert 1 / 1.5 < errors[1] / errors[0] < 1.5
-    assert errors[0] < 0.02
+@pytest.mark.usefixtures("tiny")
+def test_the_error_is_as_large_anywhere_and_in_any_unit(part, tmp_path):
+    errors = []
+    for place, size, extension in ((0, 1, "ply"), (1e6, 1, "ply"), (1e6, 1, "glb"), (0, 1e-4, "obj"), (0, 1e6, "ply")):
+        given, back = tmp_path / f"in.{extension}", tmp_path / f"out.{extension}"
+        mesh = trimesh.Trimesh(part.vertices * size + [place, -place, 0], part.faces, process=False)
+        write_mesh(mesh, given, overwrite=True)
+        model, report = encode_with_report(given, "fast", axes=1)
+        write_mesh(model.to_mesh(32), back, overwrite=True)
+        result = read_mesh(back)
+        d = surface_distances(mesh.vertices, mesh.faces, result.vertices, result.faces, samples=20_000)
+        assert d.chamfer == pytest.approx(report.distances.chamfer, rel=0.1)
+        errors.append(d.chamfer / report.diagonal)
+    # The inputs differ by rounding, and short fits that start from such differences do not end in the same place.
+    assert max(errors) < 2 * min(errors)
 
 
 @pytest.mark.usefixtures("tiny")
