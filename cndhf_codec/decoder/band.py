@@ -57,10 +57,10 @@ class Band:
 
     def rows(self, corners: I32) -> I32:
         """Rows of `values` for the bricks whose first nodes are `corners` (..., 3), 0 <= corner <= shape + 16."""
-        block, child = corners // BLOCK, corners % BLOCK // BRICK
-        x, y, z = np.moveaxis(block, -1, 0)
-        cx, cy, cz = np.moveaxis(child, -1, 0)
-        return self._bricks[self._blocks[x, y, z], (cx * CHILDREN + cy) * CHILDREN + cz]
+        x, y, z = (corners[..., k] // BRICK for k in range(3))
+        bx, by, bz = x // CHILDREN, y // CHILDREN, z // CHILDREN
+        child = ((x - CHILDREN * bx) * CHILDREN + y - CHILDREN * by) * CHILDREN + z - CHILDREN * bz
+        return self._bricks[self._blocks[bx, by, bz], child]
 
     def dense(self) -> npt.NDArray[np.bool_]:
         """Whether f >= 0 at every node of the grid."""

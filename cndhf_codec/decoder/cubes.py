@@ -75,43 +75,48 @@ def surface_edges(band: Band) -> tuple[I64, I32, I64, F32]:
     number = np.zeros(crossed.size, dtype=np.int32)
     number[at] = np.arange(len(at))
 
-    start, corner_table, axis_table = case_table()
+    start, whose, slot = case_table()
     at = np.flatnonzero((case > 0) & (case < 255))
     case = case.ravel()[at]
-    count = start[1:][case] - start[case]
-    first_face = np.concatenate([[0], np.cumsum(count)])
+    first_face = np.concatenate([[0], np.cumsum(start[1:][case] - start[case])])
+    triangle = start[case] - first_face[:-1]  # plus the number of a face: its row in the table
+    owner = place[beside].ravel()
     faces = np.empty((first_face[-1], 3), dtype=np.int64)
+    ends = np.empty((len(edge), 2), dtype=np.float32)
 
-    def work(first: int, last: int) -> None:
-        # For each triangle: its cell, and its row in the table.
-        cell = np.repeat(at[first:last], count[first:last])
-        row_of = np.arange(len(cell)) + np.repeat(
-            start[case[first:last]] - (first_face[first:last] - first_face[first]), count[first:last]
-        )
-        node, home = np.divmod(cell, n)
-        padded = OWN[node][:, None] + corner_table[row_of]
-        owner = place[beside[home[:, None], WHOSE[padded]]]
-        faces[first_face[first] : first_face[last]] = number[(NUMBER[padded] * 3 + axis_table[row_of]) * n + owner]
+    def find_faces(first: int, last: int) -> None:
+        count = np.diff(first_face[first : last + 1])
+        these = np.arange(first_face[first], first_face[last])
+        node, home = np.divmod(at[first:last], n)
+        row_of = np.repeat(node * len(whose[0]) + triangle[first:last], count) + these
+        brick_of = owner.take(np.repeat(8 * home, count)[:, None] + whose.reshape(-1, 3).take(row_of, axis=0))
+        faces[these[0] : these[-1] + 1] = number.take(slot.reshape(-1, 3).take(row_of, axis=0) * n + brick_of)
 
-    over_rows(work, len(at), CELLS_AT_ONCE)
-    node = edge // 3
-    far = OWN[node] + PADDED_STRIDES[edge % 3]
-    ends = np.column_stack([band.values[row[brick], node], band.values[beside[brick, WHOSE[far]], NUMBER[far]]])
+    def find_ends(first: int, last: int) -> None:
+        node, axis = np.divmod(edge[first:last], 3)
+        far = OWN[node] + PADDED_STRIDES[axis]
+        values = band.values.ravel()
+        ends[first:last, 0] = values.take(row[brick[first:last]] * len(LOCAL) + node)
+        ends[first:last, 1] = values.take(beside[brick[first:last], WHOSE[far]] * len(LOCAL) + NUMBER[far])
+
+    over_rows(find_faces, len(at), CELLS_AT_ONCE)
+    over_rows(find_ends, len(edge), CELLS_AT_ONCE)
     return row[brick], edge, faces, ends
 
 
 @lru_cache(maxsize=1)
 def case_table() -> tuple[I64, I64, I64]:
-    """Triangles of case c, the sum of 2^corner over the inside corners: rows start[c] to start[c + 1].
+    """The triangles of each case, for a cell at each of a brick's nodes.
 
-    A row has three edges, in two tables: the lower corner, as a step in a brick's padded nodes, and the axis.
+    Those of case c, the sum of 2^corner over the inside corners, are rows start[c] to start[c + 1] of (64, rows, 3)
+    whose and slot: by corner, whose brick the edge with that corner belongs to, and its number there, 3 * node + axis.
     """
     cases = [_triangles(case) for case in range(256)]
     edges = np.array([t for case in cases for t in case])
     start = np.concatenate([[0], np.cumsum([len(case) for case in cases])])
-    corner = np.array(CORNERS) @ PADDED_STRIDES
     lower, axis = np.array(EDGES).T
-    return start, corner[lower[edges]], axis[edges]
+    padded = OWN[:, None, None] + (np.array(CORNERS) @ PADDED_STRIDES)[lower[edges]]
+    return start, WHOSE[padded], 3 * NUMBER[padded] + axis[edges]
 
 
 def _triangles(case: int) -> list[Triangle]:
