@@ -64,7 +64,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     OptionError, and MissingExtraError (the `encode` extra).
     """
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
-    for library in ("embreex", "igl", "trimesh", "skimage"):
+    for library in ("embreex", "igl", "trimesh"):
         require(library, "encode")
     prepared = prepare(source, wall)
     mesh, solid, scale = prepared.given, prepared.solid, prepared.norm.scale
