@@ -3,25 +3,50 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
+
+_this_thread = threading.local()  # `.works`: it is one of those at work on ranges
 
 
 def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
     """Call work(first, last) for ranges of `size` rows that cover 0 to n, on every processor.
 
-    The ranges do not depend on the number of processors, so neither does what `work` writes.
+    The ranges do not depend on the number of processors, so neither does what `work` writes. What `work` calls in
+    turn stays in its thread: threads of threads would get in each other's way. Raises what `work` raises.
     """
-    ranges = [(first, min(first + size, n)) for first in range(0, n, size)]
-    threads = min(len(ranges), processors())
+    ranges = iter([(first, min(first + size, n)) for first in range(0, n, size)])
+    threads = 1 if getattr(_this_thread, "works", False) else min(-(-n // size), processors())
     if threads < 2:
         for first, last in ranges:
             work(first, last)
         return
-    from concurrent.futures import ThreadPoolExecutor  # here: it costs a program that only loads a file too much
+    lock = threading.Lock()
+    errors: list[BaseException] = []
 
-    with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(lambda r: work(*r), ranges):  # what a thread raises is raised here
-            pass
+    def run() -> None:
+        _this_thread.works = True
+        try:
+            while not errors:
+                with lock:
+                    part = next(ranges, None)
+                if part is None:
+                    break
+                work(*part)
+        except BaseException as exc:  # raised again by the caller's thread
+            errors.append(exc)
+        finally:
+            _this_thread.works = False
+
+    # The caller's thread works too: one fewer to start, and to wait for.
+    others = [threading.Thread(target=run) for _ in range(threads - 1)]
+    for thread in others:
+        thread.start()
+    run()
+    for thread in others:
+        thread.join()
+    if errors:
+        raise errors[0]
 
 
 def processors() -> int:

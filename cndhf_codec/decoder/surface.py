@@ -21,7 +21,7 @@ CLOSEST = 1e-3  # no vertex comes closer to a node than this (spacings)
 CLOSE_ENOUGH = 0.05  # a vertex with |f| below this (spacings) takes one last step
 REFINEMENTS = 5  # steps of root finding along a vertex's edge, at most
 NEWTON_STEPS = 2  # for vertices without a crossing on their edge
-REFINED_AT_ONCE = 2**14
+REFINED_AT_ONCE = 2**15
 NEAR = 0.5  # a DHF whose tabulated f is within this (spacings) of the least may be the least
 
 

