@@ -19,7 +19,7 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.verify import surface_distances
 from cndhf_codec.errors import CndhfError
-from cndhf_codec.report.render import shade, view_frame, visible
+from cndhf_codec.report.render import picture, view_frame
 
 WALL = "1%"
 COLUMNS = "mesh\toptions\toutcome\tbytes\tCD\tp99\tmaximum\tseconds\tassumptions"
@@ -33,9 +33,7 @@ def pictures(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
     # What is not all inside the unit ball is a floater: keep it in the picture.
     scale = max(1.0, float(np.linalg.norm(vertices, axis=1).max()))
     solid = Solid(vertices / scale, faces.copy())
-    frames = [view_frame(*view) for view in VIEWS]
-    images = [shade(solid, frame, visible(solid, frame, PICTURE)[0]) for frame in frames]
-    return [image.reshape(PICTURE, PICTURE, 3) for image in images]
+    return [picture(solid, view_frame(*view), PICTURE) for view in VIEWS]
 
 
 def row(path: Path, thicken: str | None) -> Row:

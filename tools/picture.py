@@ -11,21 +11,12 @@ import click
 import matplotlib
 import numpy as np
 
-import cndhf_codec
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.solid import Solid
-from cndhf_codec.report.render import shade, view_frame, visible
+from cndhf_codec.report.compare import read_shape
+from cndhf_codec.report.render import picture, view_frame
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
-
-
-def load(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    if path.suffix == ".cndhf":
-        surface = cndhf_codec.load(path).to_mesh(384)
-        return np.asarray(surface.vertices), np.asarray(surface.faces)
-    mesh = read_mesh(path)
-    return mesh.vertices, mesh.faces
 
 
 @click.command()
@@ -39,13 +30,11 @@ def main(target: Path, sources: tuple[Path, ...], azimuth: float, elevation: flo
     frame = view_frame(azimuth, elevation, up)
     figure, axes = plt.subplots(1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False)
     for axis, path in zip(axes[0], sources, strict=True):
-        vertices, faces = load(path)
-        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        scale = np.linalg.norm(vertices - centre, axis=1).max()
-        solid = Solid((vertices - centre) / scale, faces)
-        image = shade(solid, frame, visible(solid, frame, 2 * size)[0])
-        axis.imshow(image.reshape(2 * size, 2 * size, 3))
-        axis.set_title(f"{path.name}: {path.stat().st_size:,} bytes", fontsize=10)
+        shape = read_shape(path, 384)
+        centre = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2
+        scale = np.linalg.norm(shape.vertices - centre, axis=1).max()
+        axis.imshow(picture(Solid((shape.vertices - centre) / scale, shape.faces), frame, 2 * size))
+        axis.set_title(f"{shape.name}: {shape.bytes:,} bytes", fontsize=10)
         axis.axis("off")
     figure.tight_layout(pad=0.3)
     figure.savefig(target, dpi=100)

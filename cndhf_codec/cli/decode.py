@@ -109,9 +109,7 @@ def command(
             note = write_mesh(mesh, path, overwrite, normals)
         if note is not None:
             click.echo(f"cndhf-decode: warning: {note}", err=True)
-        if to_stream:
-            continue
-        if not quiet:
+        if not (quiet or to_stream):
             click.echo(f"{path}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
     if grid is not None and occupancy is not None:
         write_grid(occupancy, *grid, overwrite)

@@ -62,11 +62,8 @@ class Model:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Model, (
-            self.container,
-            self._sections,
-            self.limits,
-        )  # a lock cannot be copied, and cells can be made again
+        # A lock cannot be copied, and cells can be made again.
+        return Model, (self.container, self._sections, self.limits)
 
     @property
     def info(self) -> dict[str, Any]:
@@ -201,9 +198,8 @@ class Model:
             t = first_crossings(cells, p, d)
             hit = np.flatnonzero(np.isfinite(t))
             _, g = implicit_gradient(self._dhfs, (p[hit] + t[hit, None] * d[hit]).astype(np.float32))
-            g /= -np.maximum(np.linalg.norm(g, axis=1, keepdims=True), np.finfo(np.float32).tiny)
             t *= self.container.scale
-            distance[at + hit], normal[at + hit] = t[hit], g
+            distance[at + hit], normal[at + hit] = t[hit], _outward(g)
             point[at + hit] = o[hit] + t[hit, None] * d[hit]
         return RayHits(distance.reshape(shape[:-1]), point.reshape(shape), normal.reshape(shape))
 
@@ -266,10 +262,7 @@ class Model:
 
         Raises OptionError when the last dimension is not 3.
         """
-        _, gradient = self.implicit(points, gradient=True)
-        length = np.linalg.norm(gradient, axis=-1, keepdims=True)
-        # Flat heights have slope 1 towards their own axis: only points that are not finite have no direction.
-        return np.divide(-gradient, length, out=np.zeros_like(gradient), where=length > 0)
+        return _outward(self.implicit(points, gradient=True)[1])
 
     def _intersection(
         self, max_error: float | str | None, faces: int | None, resolution: int
@@ -370,6 +363,13 @@ def _loads(data: bytes, name: str, limits: Limits | None) -> Model:
         return loads(data, limits)
     except FormatError as exc:
         raise type(exc)(f"{name}: {exc}") from exc
+
+
+def _outward(gradient: F32) -> F32:
+    """The outward unit normals of a surface where f has these gradients (..., 3)."""
+    length = np.linalg.norm(gradient, axis=-1, keepdims=True)
+    # Flat heights have slope 1 towards their own axis: only points that are not finite have no direction.
+    return np.divide(-gradient, length, out=np.zeros_like(gradient), where=length > 0)
 
 
 def _length(text: float | str, diagonal: float, scale: float) -> float:

@@ -34,7 +34,7 @@ class AxisCosts:
         points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
         self.axes = _candidates(solid)
         rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
-        self.costs, self._fills, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
+        self.costs, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
         self._points = points
         self.visible = float(self._seen.any(axis=0).mean())
 
@@ -67,8 +67,9 @@ class AxisCosts:
 
     def floor(self, chosen: list[int]) -> float:
         """About the Chamfer distance that the exact height fields leave: one of its directions sees what they fill."""
-        owner = self.costs[chosen].argmin(axis=0)
-        return float(self._fills[chosen][owner, np.arange(len(owner))].mean()) / 2
+        costs, seen = self.costs[chosen], self._seen[chosen]
+        best = costs.argmin(axis=0), np.arange(costs.shape[1])
+        return float(np.where(seen[best], 0, costs[best]).mean()) / 2
 
     def depth(self, chosen: list[int]) -> float:
         """Mean distance of the whole surface from that of the intersection of exact height fields: a point that none of
@@ -105,12 +106,12 @@ def _candidates(solid: Solid) -> F64:
     return np.concatenate([sphere[: DIRECTIONS // 2], np.eye(3), np.linalg.eigh(covariance)[1].T])
 
 
-def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, F64, npt.NDArray[np.bool_], F64]:
-    """(N,) cost of the axis at each point, the part of it that is filled, whether the axis sees the point, and how deep
-    below the surface it is along the axis where it does not."""
+def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, npt.NDArray[np.bool_], F64]:
+    """(N,) cost of the axis at each point, whether the axis sees the point, and how deep below the surface it is along
+    the axis where it does not."""
     seen = visible_points(solid, points, normals, axis)
     cosine = np.maximum(np.abs(normals @ axis), LEAST_COSINE)
-    slant = SLANT * (1 / cosine - 1)
+    cost = SLANT * (1 / cosine - 1)
     hidden = np.flatnonzero(~seen)
     # What is hidden from the axis is filled up to the nearer of the two surfaces along it.
     p = points[hidden]
@@ -123,8 +124,7 @@ def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, F64,
             t = ((corner - p) * n).sum(axis=1) / (n @ direction)
         np.minimum(fill, np.where((face >= 0) & np.isfinite(t) & (t >= 0), t, np.inf), out=fill)
     # Along the normal, the way to the surface is no longer than along the axis.
-    filled = np.zeros(len(points))
-    filled[hidden] = np.where(np.isfinite(fill), fill * np.maximum(cosine[hidden], 0.3), 0)
+    cost[hidden] = np.where(np.isfinite(fill), fill * np.maximum(cosine[hidden], 0.3), 0)
     depth = np.zeros(len(points))
     depth[hidden] = fill
-    return np.where(seen, slant, filled), filled, seen, depth
+    return cost, seen, depth

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..decoder.parallel import processors
 from ..errors import require
 from .axisset import AxisCosts
 from .goal import parse_length
@@ -74,7 +74,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     assumptions = prepared.assumptions
     if prepared.refusal is None:
         volume = _volume(solid, seed) * scale**3
-        with Team(min(4, os.cpu_count() or 1)) as team:
+        with Team(min(4, processors())) as team:
             costs = AxisCosts(solid, seed, team)
         hidden = 1 - costs.visible
         assumptions = [*assumptions, *hidden_warning(costs.visible)]

@@ -121,7 +121,7 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
             error = plan.floor + SHRINK * (trial - plan.floor)
         errors.append(error)
         report(k + 1, min(errors))
-    return options[min(range(len(options)), key=lambda k: errors[k])]
+    return options[int(np.argmin(errors))]
 
 
 def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:

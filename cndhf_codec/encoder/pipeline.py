@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import __version__
 from ..decoder.model import Model, loads
+from ..decoder.parallel import processors
 from ..errors import EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
@@ -133,7 +134,7 @@ def encode_with_report(
     if time_limit is not None and not time_limit > 0:
         raise OptionError(f"time limit is {time_limit}; give a positive number of seconds")
     if threads is None:
-        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        threads = processors()
     if threads < 1:
         raise OptionError(f"threads is {threads}; 1 or more are needed")
     if not 0 <= seed < 2**32:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import require
+from .read import distinct_rows
 
 FLAP = 0.01  # share of the whole area up to which a flap of doubled faces is dropped; a larger one is a sheet
 
@@ -36,14 +37,13 @@ class Edges:
 
 @dataclass(frozen=True, eq=False)
 class Repaired:
-    """faces: (M', 3). source: (M',) which of the given faces each is. turned: (M',) whether it was reversed.
+    """faces: (M', 3). turned: (M',) whether it was reversed.
     patch: (M',) number of its patch: faces connected across edges of two faces. open_patch: (P,) whether one of its
     edges is not of two faces. repeated: how many faces were left out as copies. doubled: (M',) whether the face was
     given in both orientations. dropped_pairs: pairs of opposite faces that were left out.
     """
 
     faces: I64
-    source: I64
     turned: Mask
     patch: I64
     open_patch: Mask
@@ -74,20 +74,15 @@ def repair(faces: I64, areas: npt.NDArray[np.float64], vertices: int) -> Repaire
     kept[turned] = kept[turned][:, ::-1]
     open_patch = np.zeros(patch.max() + 1, dtype=bool)
     open_patch[patch[~edges.paired[edges.of].all(axis=0)]] = True
-    return Repaired(kept, source, turned, patch, open_patch, repeated, doubled, pairs)
+    return Repaired(kept, turned, patch, open_patch, repeated, doubled, pairs)
 
 
 def _each_once(faces: I64, areas: npt.NDArray[np.float64], vertices: int) -> tuple[I64, Mask, int, int]:
     """Which faces to keep (ascending), which of them were given in both orientations, and how many copies and pairs
     were left out."""
-    corners = np.sort(faces, axis=1)
-    order = np.lexsort(corners.T[::-1])
-    new = np.ones(len(order), dtype=bool)
-    np.any(corners[order[1:]] != corners[order[:-1]], axis=1, out=new[1:])
-    if new.all():
+    distinct, group = distinct_rows(np.sort(faces, axis=1))
+    if len(distinct) == len(faces):
         return np.arange(len(faces)), np.zeros(len(faces), dtype=bool), 0, 0
-    group = np.empty(len(order), dtype=np.int64)
-    group[order] = np.cumsum(new) - 1
     ranks = np.argsort(faces, axis=1)
     sign = np.where((ranks[:, 1] - ranks[:, 0]) % 3 == 1, 1, -1)
     net = np.bincount(group, weights=sign).astype(np.int64)

@@ -9,14 +9,13 @@ a hidden cavity counts as inside.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import require
 from .heights import Frame
 from .solid import Solid
+from .verify import point_distances
 
 AT_WALLS, WALL = 0.25, 0.01  # share of the uniform samples near the walls of the domain boxes, and how near
 AROUND, SHELL = 0.15, 0.05  # share of the uniform samples just outside the input's bounding box, and how far
@@ -65,7 +64,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
         cosine=np.abs(normals[keep] @ axes.T).astype(np.float32),
         space=space.astype(np.float32),
         excluded=excluded_points(solid, frames, space),
-        distance=distances(solid, space).astype(np.float32),
+        distance=point_distances(space, solid.vertices, solid.faces).astype(np.float32),
         box=box.astype(np.float32),
     )
 
@@ -78,12 +77,6 @@ def excluded_points(solid: Solid, frames: list[Frame], points: npt.NDArray[np.fl
     doubtful = np.flatnonzero(excluded.any(axis=1))
     excluded[doubtful[solid.contains(points[doubtful])]] = False
     return excluded
-
-
-def distances(solid: Solid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(N,) distance of points to the surface."""
-    igl: Any = require("igl", "encode")
-    return np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0])
 
 
 class FarSpace:
@@ -103,7 +96,7 @@ class FarSpace:
             uvz = centres @ f.rotation.T
             near_boxes &= ((uvz > f.bounds[:, 0] - reach) & (uvz < f.bounds[:, 1] + reach)).all(axis=1)
         corners, centres = corners[near_boxes], centres[near_boxes]
-        clear = distances(solid, centres) > reach + CLEAR
+        clear = point_distances(centres, solid.vertices, solid.faces) > reach + CLEAR
         clear[clear] = excluded_points(solid, frames, centres[clear]).any(axis=1)
         self._corners = corners[clear]
 
@@ -122,7 +115,8 @@ class FarSpace:
     def truth(self, points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
         """Which DHFs exclude each of some drawn points, (N, K), and its distance from the surface, (N,)."""
         wide = points.astype(np.float64)
-        return excluded_points(self._solid, self._frames, wide), distances(self._solid, wide).astype(np.float32)
+        distance = point_distances(wide, self._solid.vertices, self._solid.faces)
+        return excluded_points(self._solid, self._frames, wide), distance.astype(np.float32)
 
 
 def surface_points(

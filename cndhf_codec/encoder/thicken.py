@@ -12,6 +12,7 @@ from ..errors import MeshError, require
 from .normalise import Normalisation
 from .read import Mesh, checked
 from .solid import Solid
+from .verify import point_distances
 
 THINNEST, THICKEST = 0.005, 0.2  # of the bounding box's diagonal
 CELLS = 2.5  # grid cells through the wall
@@ -52,17 +53,12 @@ def _distance_grid(
 ) -> tuple[npt.NDArray[np.float32], F64, float]:
     """Distance to the faces at the nodes of a grid around them, where it is not much more than `reach`; the position of
     the first node, and the spacing."""
-    igl: Any = require("igl", "encode")
-
-    def distance(points: F64) -> F64:
-        return np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0])
-
     origin = vertices.min(axis=0) - reach - 2 * spacing
     blocks = np.ceil((vertices.max(axis=0) + reach + 2 * spacing - origin) / (BLOCK * spacing)).astype(int)
     side = BLOCK * spacing
     at = np.stack(np.meshgrid(*map(np.arange, blocks), indexing="ij"), axis=-1).reshape(-1, 3)
-    at = at[distance(origin + (at + 0.5) * side) < reach + spacing + side * np.sqrt(3) / 2]
+    at = at[point_distances(origin + (at + 0.5) * side, vertices, faces) < reach + spacing + side * np.sqrt(3) / 2]
     field = np.full(blocks * BLOCK, 2 * reach + 4 * spacing, dtype=np.float32)
     nodes = (at[:, None] * BLOCK + np.array(list(product(range(BLOCK), repeat=3)))).reshape(-1, 3)
-    field[tuple(nodes.T)] = distance(origin + nodes * spacing)
+    field[tuple(nodes.T)] = point_distances(origin + nodes * spacing, vertices, faces)
     return field, origin, spacing

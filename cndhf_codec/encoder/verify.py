@@ -44,6 +44,14 @@ def surface_distances(
     return Distances(float(a_to_b.mean() + b_to_a.mean()) / 2, float(np.percentile(both, 99)), float(both.max()))
 
 
+def point_distances(
+    points: npt.NDArray[np.float64], vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float64]:
+    """(N,) exact distance of points (N, 3) to a surface, in the units of their coordinates."""
+    igl: Any = require("igl", "encode")
+    return np.sqrt(igl.point_mesh_squared_distance(points, np.ascontiguousarray(vertices), faces)[0])
+
+
 def sample_surface(
     vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64], n: int, seed: int
 ) -> npt.NDArray[np.float64]:
@@ -61,7 +69,4 @@ def _directed(
     seed: int,
     samples: int,
 ) -> npt.NDArray[np.float64]:
-    igl: Any = require("igl", "encode")
-    points = sample_surface(vertices_from, faces_from, samples, seed)
-    squared = igl.point_mesh_squared_distance(points, np.ascontiguousarray(vertices_to), faces_to)[0]
-    return np.sqrt(squared)
+    return point_distances(sample_surface(vertices_from, faces_from, samples, seed), vertices_to, faces_to)

@@ -168,7 +168,7 @@ class EndedError(PayloadError):
 
 def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
     """Symbols of the tensors with these sizes, flat. Raises LimitError or PayloadError."""
-    if sum(sizes) > FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body):
+    if sum(sizes) > _most_symbols(body):
         raise LimitError(
             f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
             f"{MAX_SYMBOLS_A_BYTE} for each byte are allowed"
@@ -182,7 +182,7 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
 def decode_prefix(body: bytes, sizes: list[int], first: int) -> list[Symbols]:
     """As many of the first `first` tensors as a section that may be cut off anywhere holds. Raises PayloadError."""
     tensors: list[Symbols] = []
-    allowed = FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body)
+    allowed = _most_symbols(body)
     try:
         for tensor in islice(_decoded(body, sizes), first):
             allowed -= tensor.size
@@ -194,13 +194,18 @@ def decode_prefix(body: bytes, sizes: list[int], first: int) -> list[Symbols]:
     return tensors
 
 
+def _most_symbols(body: bytes) -> int:
+    return FREE_SYMBOLS + MAX_SYMBOLS_A_BYTE * len(body)
+
+
 def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
     """The tensors one after the other; after the last, the section's end is checked."""
     if len(body) < len(sizes) + 4:
         raise EndedError("the weights section ends inside its scale codes")
-    codes = [c & ~RISING for c in body[: len(sizes)]]
-    if max(codes) >= SCALE_CODES:
-        raise PayloadError(f"a scale code of the weights section is {max(codes)}; 0 to {SCALE_CODES - 1} are allowed")
+    codes = body[: len(sizes)]
+    largest = max(c & ~RISING for c in codes)
+    if largest >= SCALE_CODES:
+        raise PayloadError(f"a scale code of the weights section is {largest}; 0 to {SCALE_CODES - 1} are allowed")
     at = len(sizes) + 4
     state = int.from_bytes(body[at - 4 : at], "little")
     if not LOW <= state < LOW << 8:
@@ -219,8 +224,8 @@ def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
             at += 1
         return value
 
-    for size, code, byte in zip(sizes, codes, body, strict=False):
-        rising = byte & RISING
+    for size, byte in zip(sizes, codes, strict=True):
+        code, rising = byte & ~RISING, byte & RISING
         low, table, starts, lookup = low_bits(code), frequencies(code), _starts(code), _lookup(code)
         values = []
         for _ in range(size):

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..encoder.solid import Solid
+from ..encoder.verify import point_distances
 from ..errors import require
-from .compare import Comparison, Shape
+from .compare import Comparison
 from .render import shade, view_frame, visible
 
 VIEWS = ((35.0, 25.0), (215.0, 25.0), (35.0, -50.0))  # azimuth and elevation, degrees
@@ -72,7 +73,7 @@ def _pictures(c: Comparison, up: str) -> list[str]:
         for (face, at), picture, other in zip(seen, shaded, (c.b, c.a), strict=True):
             hit = face >= 0
             heat = np.ones_like(picture)
-            heat[hit] = colours.to_rgba(_distances(at[hit] * radius + centre, other))[:, :3]
+            heat[hit] = colours.to_rgba(point_distances(at[hit] * radius + centre, other.vertices, other.faces))[:, :3]
             # Shape stays visible under the colour.
             errors.append(np.where(hit[:, None], heat * (0.55 + 0.45 * picture.mean(axis=1, keepdims=True)), 1.0))
         figure = Figure(figsize=(15, 4), layout="constrained")
@@ -87,11 +88,6 @@ def _pictures(c: Comparison, up: str) -> list[str]:
         figure.savefig(buffer, format="png", dpi=110)
         out.append(base64.b64encode(buffer.getvalue()).decode("ascii"))
     return out
-
-
-def _distances(points: npt.NDArray[np.float64], shape: Shape) -> npt.NDArray[np.float64]:
-    igl: Any = require("igl", "encode")
-    return np.sqrt(igl.point_mesh_squared_distance(points, np.ascontiguousarray(shape.vertices), shape.faces)[0])
 
 
 def _filled(*faces: npt.NDArray[np.int32]) -> tuple[slice, slice]:

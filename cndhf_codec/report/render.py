@@ -39,6 +39,11 @@ def visible(solid: Solid, frame: F64, size: int) -> tuple[npt.NDArray[np.int32],
     return face, origins - np.clip(t, 0, 4)[:, None] * frame[2]
 
 
+def picture(solid: Solid, frame: F64, size: int) -> F64:
+    """(size, size, 3) colours of what is seen of the unit ball."""
+    return shade(solid, frame, visible(solid, frame, size)[0]).reshape(size, size, 3)
+
+
 def shade(solid: Solid, frame: F64, face: npt.NDArray[np.int32]) -> F64:
     """(N, 3) colours of pixels that see `face`; white where that is -1."""
     normals = solid.normals[face] @ frame.T
