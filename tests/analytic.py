@@ -37,8 +37,8 @@ def slab(lo: Sequence[float], hi: Sequence[float], quaternion: tuple[int, int, i
     )
 
 
-def waves(seed: int, quaternion: tuple[int, int, int, int] = NO_TURN) -> DhfRecord:
-    """A smooth wavy plate with random folds, some 0.6 thick."""
+def waves(seed: int, quaternion: tuple[int, int, int, int] = NO_TURN, fold: int = 0) -> DhfRecord:
+    """A smooth wavy plate with random folds, some 0.6 thick; `fold` as in the record."""
     rng = np.random.default_rng(seed)
     width = 6
     symbols = [np.rint(rng.uniform(-0.6, 0.6, s) * 2**9).astype(np.int32) for s in tensor_shapes(width, 1)]
@@ -53,6 +53,7 @@ def waves(seed: int, quaternion: tuple[int, int, int, int] = NO_TURN) -> DhfReco
         omega_hidden=2,
         step_codes=(36,) * 6,  # steps of 2^-9
         symbols=tuple(symbols),
+        fold=fold,
     )
 
 

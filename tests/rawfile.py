@@ -19,7 +19,7 @@ Section = tuple[int, int, bytes]  # kind, codec, body
 
 def record(
     role: int = 0,
-    part: int = 0,
+    fold: int = 0,
     quaternion: Sequence[int] = (0, 0, 0, 32767),
     box: Sequence[int] = BOX,
     width: int = 2,
@@ -27,7 +27,7 @@ def record(
     omegas: Sequence[int] = (30, 30),
     codes: bytes | None = None,
 ) -> bytes:
-    head = struct.pack("<2B4h6h4B", role, part, *quaternion, *box, width, hidden, *omegas)
+    head = struct.pack("<2B4h6h4B", role, fold, *quaternion, *box, width, hidden, *omegas)
     return head + (bytes([20] * 2 * (hidden + 2)) if codes is None else codes)
 
 

@@ -45,6 +45,7 @@ def records(draw) -> DhfRecord:
         omega_hidden=draw(st.integers(1, 255)),
         step_codes=tuple(draw(st.integers(0, 127)) for _ in shapes),
         symbols=tuple(symbols),
+        fold=draw(st.integers(0, 3)),
     )
 
 

@@ -37,13 +37,14 @@ def _table(source: Path, info: dict[str, Any]) -> str:
         (
             str(i),
             " ".join(f"{x:+.3f}" for x in dhf["axis"]),
+            "".join(dhf["mirrored"]) or "-",
             str(dhf["width"]),
             str(dhf["hidden_layers"]),
             str(dhf["parameters"]),
         )
         for i, dhf in enumerate(info["dhfs"])
     ]
-    lines += _columns([("field", "axis", "width", "hidden layers", "weights"), *fields])
+    lines += _columns([("field", "axis", "mirrored", "width", "hidden layers", "weights"), *fields])
     lines += ["", "centre " + " ".join(f"{x:g}" for x in info["centre"]) + f", scale {info['scale']:g}"]
     if info["mean_error"] is not None:
         lines.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from ..format import DhfRecord
 from .network import F32, Network
@@ -23,11 +24,25 @@ class Dhf:
         self.record = record
         self.rotation = record.rotation.astype(np.float32)
         self.bounds = record.bounds.astype(np.float32)
+        self.mirrors = record.mirrors
         self.network = Network(record.weights(), record.omega_first, record.omega_hidden)
 
     def heights(self, uv: F32) -> F32:
         """(N, 2) float32 -> (N, 2): near and far height; (u, v) outside the domain box is clamped to it."""
-        return self.network(np.clip(uv, self.bounds[:2, 0], self.bounds[:2, 1]))
+        uv = np.clip(uv, self.bounds[:2, 0], self.bounds[:2, 1])
+        self._fold(uv)
+        return self.network(uv)
+
+    def _fold(self, uv: F32) -> list[tuple[int, npt.NDArray[np.bool_]]]:
+        """Move points (N, 2), in place, to the side of the mirrors that the network describes. Returns, for each
+        mirror, which column it is of and which points were moved."""
+        moved = []
+        for k, middle in enumerate(self.mirrors):
+            if middle is not None:
+                m = np.float32(middle)
+                moved.append((k, uv[:, k] < m))
+                uv[:, k] = m + np.abs(uv[:, k] - m)
+        return moved
 
     def implicit(self, points: F32, heights: Heights | None = None) -> F32:
         """(N, 3) float32 points of the normalised frame -> (N,): positive inside this DHF.
@@ -54,7 +69,11 @@ class Dhf:
         """
         uvz = (self.rotation @ points.T).T
         lo, hi = self.bounds[:2, 0], self.bounds[:2, 1]
-        heights, slopes = self.network.gradient(np.clip(uvz[:, :2], lo, hi))
+        uv = np.clip(uvz[:, :2], lo, hi)
+        moved = self._fold(uv)
+        heights, slopes = self.network.gradient(uv)
+        for k, points_moved in moved:
+            slopes[points_moved, :, k] *= -1
         # Beyond the box the heights go on as they are at its edge.
         slopes *= ((uvz[:, :2] >= lo) & (uvz[:, :2] <= hi))[:, None, :]
         z = uvz[:, 2]

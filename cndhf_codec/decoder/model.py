@@ -79,6 +79,7 @@ class Model:
             "dhfs": [
                 {
                     "axis": [round(float(x), 6) for x in d.rotation[2]],
+                    "mirrored": [name for name, m in zip("uv", d.mirrors, strict=True) if m is not None],
                     "width": d.width,
                     "hidden_layers": d.hidden_layers,
                     "parameters": d.parameters,

@@ -8,6 +8,7 @@ costs on the best axis of the set.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +17,12 @@ from ..errors import require
 from .axes import fibonacci_sphere
 from .samples import surface_points, visible_points
 from .solid import Solid
+from .symmetry import MirrorPlane
 from .team import Team
 
 DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
 ALIGNED = 6  # the last of the candidates: coordinate and principal axes
+IN_PLANE = 16  # directions in a mirror plane
 POINTS = 20_000
 SLANT = 2e-4  # cost of a point seen at a cosine of 1/2 (normalised units)
 LEAST_COSINE = 0.1
@@ -28,37 +31,44 @@ F64 = npt.NDArray[np.float64]
 
 
 class AxisCosts:
-    """Cost of every candidate axis at every sample of the surface."""
+    """Cost of every candidate axis at every sample of the surface. planes: the solid's mirror planes."""
 
-    def __init__(self, solid: Solid, seed: int, team: Team) -> None:
+    def __init__(self, solid: Solid, seed: int, team: Team, planes: Sequence[MirrorPlane] = ()) -> None:
         points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
-        self.axes = _candidates(solid)
+        free, mirrored = _candidates(solid), _within(planes)
+        self.axes = np.concatenate([free, mirrored])
+        self._aligned = range(len(free) - ALIGNED, len(free))
+        self._mirrored = range(len(free), len(self.axes))
         rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
         self.costs, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
         self._points = points
         self.visible = float(self._seen.any(axis=0).mean())
 
     def sets(self, count: int) -> list[list[int]]:
-        """Sets of `count` axes to choose from: the one of least mean cost, and the one with the best aligned axis.
+        """Sets of `count` axes to choose from: the one of least mean cost, the one with the best aligned axis, and that
+        of axes in and across mirror planes.
 
         Along the edges of a mechanical part heights are constant, and walls are silhouettes: networks learn that much
-        faster than what the exact height fields of slanted axes would say.
+        faster than what the exact height fields of slanted axes would say. In a mirror plane, they learn a half.
         """
-        aligned = min(range(len(self.axes) - ALIGNED, len(self.axes)), key=lambda k: self.mean_cost([k]))
-        free, with_aligned = self.best(count), self.best(count, [aligned])
-        return [free] if sorted(free) == sorted(with_aligned) else [free, with_aligned]
+        aligned = min(self._aligned, key=lambda k: self.mean_cost([k]))
+        sets = [self.best(count), self.best(count, [aligned])]
+        if len(self._mirrored) >= count:
+            sets.append(self.best(count, among=self._mirrored))
+        return [s for k, s in enumerate(sets) if sorted(s) not in map(sorted, sets[:k])]
 
-    def best(self, count: int, given: Sequence[int] = ()) -> list[int]:
-        """The `count` axes of least mean cost, some of them given: greedy, then single exchanges until none helps;
-        largest share first."""
+    def best(self, count: int, given: Sequence[int] = (), among: Sequence[int] | None = None) -> list[int]:
+        """The `count` axes of least mean cost, some of them given, the rest from `among` (all, when None): greedy, then
+        single exchanges until none helps; largest share first."""
+        pool = np.arange(len(self.axes)) if among is None else np.array(among)
         chosen = list(given)
         while len(chosen) < count:
-            chosen.append(int(np.argmin(self._with(chosen))))
+            chosen.append(int(pool[np.argmin(self._with(chosen)[pool])]))
         while True:
             before = self.mean_cost(chosen)
             for k in range(len(given), count):
                 others = chosen[:k] + chosen[k + 1 :]
-                chosen[k] = int(np.argmin(self._with(others)))
+                chosen[k] = int(pool[np.argmin(self._with(others)[pool])])
             if self.mean_cost(chosen) >= before * 0.999:
                 return self._ordered(chosen)
 
@@ -104,6 +114,19 @@ def _candidates(solid: Solid) -> F64:
     sphere = fibonacci_sphere(DIRECTIONS)
     covariance = np.cov(solid.vertices.T)
     return np.concatenate([sphere[: DIRECTIONS // 2], np.eye(3), np.linalg.eigh(covariance)[1].T])
+
+
+def _within(planes: Sequence[MirrorPlane]) -> F64:
+    """Axes across the planes, all around within them, and where two planes meet."""
+    axes = [np.empty((0, 3))]
+    angles = np.arange(IN_PLANE) * (np.pi / IN_PLANE)
+    for plane in planes:
+        u = np.cross(plane.normal, np.eye(3)[np.argmin(np.abs(plane.normal))])
+        u /= np.linalg.norm(u)
+        v = np.cross(plane.normal, u)
+        axes += [plane.normal[None], np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)]
+    axes += [np.cross(a.normal, b.normal)[None] for a, b in combinations(planes, 2)]
+    return np.concatenate(axes)
 
 
 def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, npt.NDArray[np.bool_], F64]:

@@ -54,9 +54,10 @@ class Composite:
     def __init__(self, samples: Samples, far: FarSpace, frames: list[Frame], device: torch.device, team: Team) -> None:
         self.device, self._team, self._far = device, team, far
         self.n_surface, self.n_space = len(samples.surface), len(samples.space)
+        self._frames = frames
         self._boxes = self._put(np.stack([f.bounds for f in frames]))
         self._rotations = self._put(np.stack([f.rotation for f in frames])).mT
-        self._surface = self._put(samples.surface) @ self._rotations  # (K, N, 3)
+        self._surface = self._in_frames(samples.surface)
         self._seen = torch.from_numpy(samples.seen).to(device)
         self._cosine = self._put(samples.cosine)
         self._box = self._put(samples.box)
@@ -73,7 +74,7 @@ class Composite:
         self._set_space(torch.arange(self.n_space), samples.space, samples.excluded, samples.distance)
 
     def _set_space(self, rows: torch.Tensor, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
-        self._space[:, rows] = self._put(points) @ self._rotations
+        self._space[:, rows] = self._in_frames(points)
         self._excluded[rows] = torch.from_numpy(excluded).to(self.device)
         self._inside[rows] = ~self._excluded[rows].any(dim=1)
         self._distance[rows] = self._put(distance)
@@ -134,7 +135,7 @@ class Composite:
         def above(at: int) -> torch.Tensor:
             part = points[at : at + LOOK_AT_ONCE]
             for k in range(len(networks)):
-                x = part @ self._rotations[k]
+                x = self._fold(part @ self._rotations[k], k)
                 y = heights(networks, k, x[:, :2])
                 part = part[torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]) > level]
             return part
@@ -199,6 +200,17 @@ class Composite:
             side=side.gather(1, dhf[:, None])[:, 0].long(),
             uv=uvs,
         )
+
+    def _in_frames(self, points: np.ndarray) -> torch.Tensor:
+        """(K, N, 3): points (N, 3) in the frame of every DHF, on the side of its mirrors that the network describes."""
+        uvz = self._put(points) @ self._rotations
+        return torch.stack([self._fold(x, k) for k, x in enumerate(uvz)])
+
+    def _fold(self, uvz: torch.Tensor, k: int) -> torch.Tensor:
+        for column, middle in enumerate(self._frames[k].mirrors):
+            if middle is not None:
+                uvz[:, column] = middle + (uvz[:, column] - middle).abs()
+        return uvz
 
     def _put(self, array: object) -> torch.Tensor:
         return torch.as_tensor(array, dtype=torch.float32).to(self.device)

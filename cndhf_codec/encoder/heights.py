@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..format.constants import BOX_STEP, QUATERNION_ONE
-from ..format.container import rotation_matrix
+from ..format.container import mirrors, rotation_matrix
 from .solid import Solid
 
 RAY_START = 2.0  # the shape lies within 1 of the origin
@@ -16,10 +16,12 @@ RAY_START = 2.0  # the shape lies within 1 of the origin
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A DHF's frame as the file stores it: rotation as an integer quaternion, domain box in `BOX_STEP`s."""
+    """A DHF's frame as the file stores it: rotation as an integer quaternion, domain box in `BOX_STEP`s, and in which
+    of u and v its heights are mirrored (as `DhfRecord.fold`)."""
 
     quaternion: tuple[int, int, int, int]
     box: tuple[int, int, int, int, int, int]
+    fold: int = 0
 
     @property
     def rotation(self) -> npt.NDArray[np.float64]:
@@ -28,6 +30,18 @@ class Frame:
     @property
     def bounds(self) -> npt.NDArray[np.float64]:
         return np.array(self.box).reshape(3, 2) * BOX_STEP
+
+    @property
+    def mirrors(self) -> tuple[float | None, float | None]:
+        return mirrors(self.box, self.fold)
+
+    def folded(self, uv: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """(..., 2) -> (..., 2): what the network is given for (u, v)."""
+        uv = uv.copy()
+        for k, middle in enumerate(self.mirrors):
+            if middle is not None:
+                uv[..., k] = middle + np.abs(uv[..., k] - middle)
+        return uv
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +55,7 @@ class HeightTargets:
     """
 
     frame: Frame
-    uv: npt.NDArray[np.float32]  # (nu, nv, 2)
+    uv: npt.NDArray[np.float32]  # (nu, nv, 2), on the side of the frame's mirrors that the network describes
     hit: npt.NDArray[np.bool_]
     near: npt.NDArray[np.float32]
     far: npt.NDArray[np.float32]
@@ -95,7 +109,7 @@ def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets
     known = _with_neighbours((near_known & far_known).reshape(shape))
     return HeightTargets(
         frame=frame,
-        uv=uv.astype(np.float32),
+        uv=frame.folded(uv).astype(np.float32),
         hit=hit.reshape(shape),
         near=near.astype(np.float32),
         far=far.astype(np.float32),

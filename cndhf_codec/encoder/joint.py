@@ -19,13 +19,14 @@ from .canonical import fold_biases, sort_neurons
 from .composite import Composite
 from .deadline import Deadline
 from .fit import fit_all, one_torch_thread
-from .heights import Frame, frame_for_axis, height_targets
+from .heights import Frame, height_targets
 from .progress import Stage
 from .rounding import Codes, relative_steps, round_networks, sensitivities, step_codes
 from .samples import FarSpace, draw_samples
 from .settings import Settings
 from .siren import Networks, stacked
 from .solid import Solid
+from .symmetry import frame_with_mirrors, mirror_planes
 from .team import Team
 from .tune import tune
 from .verify import surface_distances
@@ -96,7 +97,8 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     """Choose the axes by short trial fits at the size asked for; the width follows from their number."""
     settings = job.settings
     job.stage("axes", 1)
-    costs = AxisCosts(job.solid, job.seed, job.team)
+    planes = mirror_planes(job.solid, job.seed)
+    costs = AxisCosts(job.solid, job.seed, job.team, planes)
     most = 1 if costs.visible == 0 else settings.max_axes or 1
     options: list[Plan] = []
     for count in range(1, most + 1):
@@ -104,8 +106,9 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
         if width < LEAST_WIDTH:
             break
         for chosen in costs.sets(count):
-            frames = [frame_for_axis(costs.axes[i], job.solid.vertices) for i in chosen]
-            options.append(Plan(frames, width, costs.floor(chosen), costs.covered(chosen), costs.visible))
+            frames = [frame_with_mirrors(costs.axes[i], job.solid.vertices, planes) for i in chosen]
+            floor = costs.floor(chosen) + (max(p.error for p in planes) / 2 if any(f.fold for f in frames) else 0)
+            options.append(Plan(frames, width, floor, costs.covered(chosen), costs.visible))
     if not options:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
@@ -247,6 +250,7 @@ def _records(networks: Networks, codes: Codes, frames: list[Frame]) -> list[DhfR
         DhfRecord(
             quaternion=frame.quaternion,
             box=frame.box,
+            fold=frame.fold,
             width=networks.width,
             hidden_layers=networks.hidden_layers,
             omega_first=round(networks.omega),

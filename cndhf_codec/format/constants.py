@@ -25,9 +25,11 @@ CODEC_ZSTD = 1
 CODEC_RANS = 2
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # left out of the file, put back to decompress
 
-# What a DHF does to the solid and which part it belongs to. Other values are reserved.
+# What a DHF does to the solid. Other values are reserved.
 ROLE_INTERSECT = 0
-PART_FIRST = 0
+
+# In which directions a DHF's heights are mirrored in the middle of its box: bit 0 u, bit 1 v.
+MAX_FOLD = 3
 
 # Fixed-point scales.
 QUATERNION_ONE = 32767  # int16 value that stands for 1

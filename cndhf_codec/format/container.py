@@ -36,6 +36,7 @@ class DhfRecord:
     box: (6,) int16, u v z bounds as min, max pairs, in units of `BOX_STEP`, in the rotated normalised frame.
     step_codes: one an tensor, 0 to 127; the quantisation step is 2^(-code / 4).
     symbols: one int32 array a tensor, shaped as `tensor_shapes` says; |symbol| <= `MAX_SYMBOL`.
+    fold: in which directions the heights are mirrored in the middle of the box: bit 0 u, bit 1 v.
     """
 
     quaternion: tuple[int, int, int, int]
@@ -47,7 +48,7 @@ class DhfRecord:
     step_codes: tuple[int, ...]
     symbols: tuple[Symbols, ...]
     role: int = c.ROLE_INTERSECT
-    part: int = c.PART_FIRST
+    fold: int = 0
 
     @property
     def rotation(self) -> npt.NDArray[np.float64]:
@@ -58,6 +59,11 @@ class DhfRecord:
     def bounds(self) -> npt.NDArray[np.float64]:
         """(3, 2) minimum and maximum of u, v and z in the DHF's frame."""
         return np.array(self.box, dtype=np.float64).reshape(3, 2) * c.BOX_STEP
+
+    @property
+    def mirrors(self) -> tuple[float | None, float | None]:
+        """In which u and in which v the heights are mirrored; None: in none."""
+        return mirrors(self.box, self.fold)
 
     @property
     def parameters(self) -> int:
@@ -97,6 +103,12 @@ class Container:
 def step_size(code: int) -> float:
     """Quantisation step of a step code: 2^(-code / 4)."""
     return 2.0 ** (-code / c.STEPS_PER_OCTAVE)
+
+
+def mirrors(box: tuple[int, int, int, int, int, int], fold: int) -> tuple[float | None, float | None]:
+    """The middle of the box in u and in v where the bit of `fold` is set; else None."""
+    u, v = ((lo + hi) * c.BOX_STEP / 2 if fold >> k & 1 else None for k, (lo, hi) in enumerate((box[0:2], box[2:4])))
+    return u, v
 
 
 def rotation_matrix(quaternion: tuple[int, int, int, int]) -> npt.NDArray[np.float64]:

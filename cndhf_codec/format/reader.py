@@ -164,7 +164,7 @@ def _sections(header: Header) -> tuple[Section, Section, Section | None]:
 @dataclass(frozen=True)
 class _Draft:
     role: int
-    part: int
+    fold: int
     quaternion: tuple[int, int, int, int]
     box: tuple[int, int, int, int, int, int]
     width: int
@@ -246,8 +246,8 @@ def _read_records(body: bytes, n_dhfs: int) -> list[_Draft]:
 def _check_draft(d: _Draft, i: int) -> None:
     if d.role != c.ROLE_INTERSECT:
         raise FieldError(f"DHF {i}: field role is {d.role}; this version of the format defines only 0")
-    if d.part != c.PART_FIRST:
-        raise FieldError(f"DHF {i}: field part is {d.part}; this version of the format defines only 0")
+    if d.fold > c.MAX_FOLD:
+        raise FieldError(f"DHF {i}: field fold is {d.fold}; 0 to {c.MAX_FOLD} are allowed")
     norm = math.hypot(*d.quaternion)
     if not c.QUATERNION_MIN_NORM <= norm <= c.QUATERNION_MAX_NORM:
         raise FieldError(f"DHF {i}: field quaternion has norm {norm:.0f}; it must be near {c.QUATERNION_ONE}")
@@ -271,7 +271,7 @@ def _records(drafts: list[_Draft], tensors: list[Symbols]) -> tuple[DhfRecord, .
             step_codes=tuple(code & c.STEP_CODE_MASK for code in d.codes),
             symbols=tuple(next(rest).reshape(shape) for shape in tensor_shapes(d.width, d.hidden_layers)),
             role=d.role,
-            part=d.part,
+            fold=d.fold,
         )
         for d in drafts
     )

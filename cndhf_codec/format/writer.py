@@ -91,7 +91,7 @@ def _record(dhf: DhfRecord, mark_wide: bool) -> bytes:
         head = struct.pack(
             "<2B4h6h4B",
             dhf.role,
-            dhf.part,
+            dhf.fold,
             *dhf.quaternion,
             *dhf.box,
             dhf.width,

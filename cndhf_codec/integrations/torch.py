@@ -47,11 +47,14 @@ class _DhfModule(torch.nn.Module):
         self.matrices = torch.nn.ParameterList(tensors[0::2])
         self.biases = torch.nn.ParameterList(tensors[1::2])
         self.omegas = [float(record.omega_first)] + [float(record.omega_hidden)] * record.hidden_layers
+        self.mirrors = record.mirrors
         self.register_buffer("rotation", torch.tensor(record.rotation, dtype=torch.float32))
         self.register_buffer("bounds", torch.tensor(record.bounds, dtype=torch.float32))
 
     def heights(self, uv: Tensor) -> Tensor:
         x = torch.clamp(uv, self.bounds[:2, 0], self.bounds[:2, 1])
+        columns = zip(x.unbind(dim=-1), self.mirrors, strict=True)
+        x = torch.stack([c if m is None else m + (c - m).abs() for c, m in columns], dim=-1)
         for W, b, omega in zip(self.matrices, self.biases, self.omegas, strict=False):
             x = torch.sin(omega * torch.nn.functional.linear(x, W, b))
         return torch.nn.functional.linear(x, self.matrices[-1], self.biases[-1])

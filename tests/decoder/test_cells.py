@@ -32,6 +32,7 @@ def rough():
 MODELS = {
     "box": lambda: analytic.model(slab((-0.5, -0.25, -0.125), (0.25, 0.5, 0.375), TURNED)),
     "two": lambda: analytic.model(waves(1), waves(2, ABOUT_Y_90), centre=(5, 6, 7), scale=3),
+    "mirrored": lambda: analytic.model(waves(1, fold=1), waves(2, ABOUT_Y_90, fold=3)),
     "nine": lambda: analytic.model(*(waves(s, (TURNED, ABOUT_Z_45, ABOUT_Y_90)[s % 3]) for s in range(9))),
     "rough": lambda: analytic.model(rough()),
     "plate": lambda: analytic.model(slab((-0.5, -0.5, 0), (0.5, 0.5, 2**-10))),

@@ -81,7 +81,9 @@ def test_a_thin_plate_is_found():
 
 @pytest.mark.parametrize("name", ["waves", "fitted"])
 def test_as_embree_on_a_fine_mesh(name, golden):
-    model = load(golden / "encoded.cndhf") if name == "fitted" else analytic.model(waves(1), waves(2, ABOUT_Y_90))
+    model = (
+        load(golden / "encoded.cndhf") if name == "fitted" else analytic.model(waves(1, fold=1), waves(2, ABOUT_Y_90))
+    )
     mesh = model.to_mesh(256)
     diagonal = np.linalg.norm(mesh.extents)
     rng = np.random.default_rng(0)

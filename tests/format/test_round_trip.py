@@ -109,7 +109,7 @@ def first_symbol(value: int) -> tuple[np.ndarray, ...]:
         container(some_record(omega_first=0)),
         container(some_record(omega_hidden=256)),
         container(some_record(role=1)),
-        container(some_record(part=1)),
+        container(some_record(fold=4)),
         container(some_record(width=129)),
         container(some_record(hidden=9)),
         container(some_record(step_codes=(20,) * 5)),

@@ -17,7 +17,7 @@ from cndhf_codec.integrations.torch import CndhfModule
 def model(request, golden):
     if request.param == "fitted":
         return load(golden / "encoded.cndhf")
-    return analytic.model(waves(1), waves(2, ABOUT_Y_90), centre=(1e5, 6, 7), scale=3)
+    return analytic.model(waves(1), waves(2, ABOUT_Y_90, fold=3), centre=(1e5, 6, 7), scale=3)
 
 
 @pytest.fixture

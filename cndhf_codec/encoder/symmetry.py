@@ -1,0 +1,92 @@
+"""Mirror planes of a solid: a height field along an axis within one needs to tell only a half of its heights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import require
+from ..format.constants import BOX_STEP, QUATERNION_ONE
+from ..format.container import rotation_matrix
+from .heights import Frame, frame_for_axis
+from .samples import surface_points
+from .solid import Solid
+from .verify import point_distances
+
+WORST = 2e-3  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
+POINTS = 20_000
+SPACING = 1.5  # times the samples' own distance from each other that those of a mirror image may be from them
+SQUARE = 0.01  # cosine up to which two planes stand at right angles
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorPlane:
+    """The points p with normal . p = offset, normalised frame. error: mean distance of the surface from its mirror
+    image."""
+
+    normal: F64
+    offset: float
+    error: float
+
+
+def mirror_planes(solid: Solid, seed: int) -> list[MirrorPlane]:
+    """Planes that the solid is its own mirror image in, nearly or exactly, at right angles to each other; the one of
+    the least error first.
+
+    Such a plane goes through the centroid of the surface, and its normal is a principal axis of the surface's second
+    moments. Where two of these are as large, axes are any that are at right angles: coordinate axes are tried too.
+    """
+    centroid, axes = _moments(solid)
+    rng = np.random.default_rng(seed)
+    points, others = (surface_points(solid, POINTS, rng)[0] for _ in range(2))
+    tree = require("scipy.spatial", "encode").cKDTree(points)
+    spacing = float(tree.query(others)[0].mean())
+    found = []
+    for normal in (*np.eye(3), *axes):
+        offset = float(normal @ centroid)
+        image = others - 2 * (others @ normal - offset)[:, None] * normal
+        if tree.query(image)[0].mean() <= SPACING * spacing + WORST:
+            error = float(point_distances(image, solid.vertices, solid.faces).mean())
+            if error <= WORST:
+                found.append(MirrorPlane(normal, offset, error))
+    chosen: list[MirrorPlane] = []
+    for plane in sorted(found, key=lambda p: p.error):
+        if all(abs(plane.normal @ other.normal) < SQUARE for other in chosen):
+            chosen.append(plane)
+    return chosen
+
+
+def frame_with_mirrors(axis: F64, vertices: F64, planes: list[MirrorPlane]) -> Frame:
+    """As `frame_for_axis`, with u and v across those of the planes that the axis lies in."""
+    across = [p for p in planes if abs(p.normal @ axis) < 1e-9][:2]
+    if not across:
+        return frame_for_axis(axis, vertices)
+    u = across[0].normal
+    rotation = np.stack([u, np.cross(axis, u), axis])
+    transform = require("scipy.spatial.transform", "encode").Rotation.from_matrix(rotation)
+    a, b, c, d = (int(k) for k in np.round(transform.as_quat() * QUATERNION_ONE))
+    uvz = vertices @ rotation_matrix((a, b, c, d)).T
+    lo = np.floor(uvz.min(axis=0) / BOX_STEP).astype(int)
+    hi = np.maximum(np.ceil(uvz.max(axis=0) / BOX_STEP).astype(int), lo + 1)
+    for k, plane in enumerate(across):
+        # The middle of the box is the plane, to half a step.
+        twice = round(2 * plane.offset * float(rotation[k] @ plane.normal) / BOX_STEP)
+        hi[k] = max(hi[k], twice - lo[k])
+        lo[k] = twice - hi[k]
+    box = (int(lo[0]), int(hi[0]), int(lo[1]), int(hi[1]), int(lo[2]), int(hi[2]))
+    return Frame((a, b, c, d), box, 2 ** len(across) - 1)
+
+
+def _moments(solid: Solid) -> tuple[F64, F64]:
+    """Centroid of the surface, and the principal axes of its second moments, (3, 3) in rows."""
+    corners = solid.vertices[solid.faces]
+    total = corners.sum(axis=1)
+    weights = solid.areas / solid.areas.sum()
+    centroid = weights @ total / 3
+    # The mean of x x^T over a triangle is that of its corners and three times its centre.
+    squares = np.einsum("n,nki,nkj->ij", weights, corners, corners) + np.einsum("n,ni,nj->ij", weights, total, total)
+    return centroid, np.linalg.eigh(squares / 12 - np.outer(centroid, centroid))[1].T
