@@ -3,8 +3,8 @@
     python tools/bench/rate_distortion.py results/0.1 rocker-arm armadillo --budgets 1024,2048,4096
 
 Writes <out>/points.tsv (a row a measured point, the store that makes the run resumable), <out>/ratios.tsv (per mesh
-and budget: the best peer's CD, interpolated log-log on the lower envelope of its points, over ours; geometric means)
-and a plot per mesh. Our files go through the command line tools; all errors are against the original mesh,
+and budget: the best peer's CD, interpolated log-log on the lower envelope of its points, over ours; geometric means),
+a plot per mesh, and our files in <out>/files. Our files go through the command line tools; all errors are against the original mesh,
 normalised, in thousandths: CD, p99, maximum. A mesh is a name of the corpus (CNDHF_CORPUS) or a path.
 """
 
@@ -65,11 +65,11 @@ def measure_peers(name: str) -> list[Row]:
     return rows
 
 
-def measure_ours(name: str, preset: str, budget: int, threads: int) -> list[Row]:
+def measure_ours(name: str, preset: str, budget: int, threads: int, files: Path) -> list[Row]:
     mesh = read_mesh(mesh_path(name))
     with tempfile.TemporaryDirectory() as folder:
-        coded, back = Path(folder) / "x.cndhf", Path(folder) / "x.ply"
-        encode = ["cndhf-encode", str(mesh_path(name)), str(coded), "--quiet", "--preset", preset]
+        coded, back = files / f"{mesh_path(name).stem}-{preset}-{budget}.cndhf", Path(folder) / "x.ply"
+        encode = ["cndhf-encode", str(mesh_path(name)), str(coded), "--quiet", "--overwrite", "--preset", preset]
         start = time.perf_counter()
         subprocess.run([*encode, "--target-size", str(budget), "--threads", str(threads)], check=True)
         middle = time.perf_counter()
@@ -152,7 +152,8 @@ def plot(out: Path, name: str, rows: list[Row]) -> None:
 @click.option("--preset", default="default", show_default=True)
 @click.option("--jobs", default=1, show_default=True, help="Points computed at a time.")
 def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, jobs: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
+    files = out / "files"
+    files.mkdir(parents=True, exist_ok=True)
     store = out / "points.tsv"
     rows = load_rows(store)
     have = {(r["mesh"], r["method"], r["budget"]) for r in rows}
@@ -163,7 +164,7 @@ def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, jobs: int
         for budget in (int(b) for b in budgets.split(",")):
             for name in names:
                 if (name, f"cndhf {preset}", str(budget)) not in have:
-                    work.append(pool.submit(measure_ours, name, preset, budget, threads))
+                    work.append(pool.submit(measure_ours, name, preset, budget, threads, files))
         failed = []
         for done in tqdm(as_completed(work), total=len(work), unit="point"):
             error = done.exception()
