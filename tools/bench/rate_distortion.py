@@ -4,8 +4,8 @@
 
 Writes <out>/points.tsv (a row a measured point, the store that makes the run resumable), <out>/ratios.tsv (per mesh
 and budget: the best peer's CD, interpolated log-log on the lower envelope of its points, over ours; geometric means),
-a plot per mesh, and our files in <out>/files. Our files go through the command line tools; all errors are against the original mesh,
-normalised, in thousandths: CD, p99, maximum. A mesh is a name of the corpus (CNDHF_CORPUS) or a path.
+a plot per mesh, and our files in <out>/files. These go through the command line tools; all errors are against the
+original mesh, normalised, in thousandths: CD, p99, maximum. A mesh is a name of the corpus (CNDHF_CORPUS) or a path.
 """
 
 from __future__ import annotations
