@@ -16,7 +16,7 @@ import torch
 
 from . import kernel
 from .heights import Frame
-from .samples import FarSpace, Samples
+from .samples import CLEAR, FarSpace, Samples
 from .siren import Networks, heights
 from .team import Team
 
@@ -26,7 +26,10 @@ BEYOND = 10.0  # times as much weighs a sample outside the input's bounding box
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**15
 HUNT = 2**19  # points of far space that a search for floaters looks at
-SUSPECTS = 20_000  # of them that are kept as samples, the latest
+HUNT_INSIDE = 2**17  # points deep in the solid that a search for slits looks at
+LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # f below which it looks around next time, at how many points, how far
+SUSPECT = 0.005  # what a search finds becomes a sample when f has the wrong sign, or is as close to zero
+SUSPECTS = 20_000  # of them that are kept, the latest
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
 
@@ -61,6 +64,9 @@ class Composite:
         self._seen = torch.from_numpy(samples.seen).to(device)
         self._cosine = self._put(samples.cosine)
         self._box = self._put(samples.box)
+        deep = ~samples.excluded.any(axis=1) & (samples.distance > CLEAR)
+        self._deep, self._depth = samples.space[deep], samples.distance[deep]
+        self._low = np.empty((0, 3), dtype=np.float32)
         self._hunter = np.random.default_rng(0)
         self._suspects = 0
         self._violations = torch.empty(0, dtype=torch.int64)
@@ -104,17 +110,26 @@ class Composite:
         """How many points far outside the solid are inside the networks' one: floaters."""
         found = self._violations_of(networks)
         known = int((self._distance[found] > STRAY).logical_and(~self._inside[found]).sum())
-        return known + sum(len(self._hunt(networks, 0.0)) for _ in range(8))
+        return known + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
 
     def look_for_violations(self, networks: Networks) -> None:
         """Find what is seldom drawn by chance: the space samples on the wrong side of f, and suspects: points of far
-        space where f is about to rise above zero."""
+        space where f is about to rise above zero, points deep in the solid where it is about to fall below."""
         self._violations = self._violations_of(networks).cpu()
-        points = self._hunt(networks, -MARGIN / 2)[:SUSPECTS]
+        points = self._floaters(networks, -SUSPECT)[: SUSPECTS // 2]
         excluded, distance = self._far.truth(points)
         found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
-        rows = self.n_space + np.arange(self._suspects, self._suspects + int(found.sum())) % SUSPECTS
-        self._set_space(torch.from_numpy(rows), points[found], excluded[found], distance[found])
+        self._add_suspects(points[found], excluded[found], distance[found])
+        points, f = self._slits(networks)
+        excluded, distance = self._far.truth(points)
+        found = ~excluded.any(axis=1) & (distance > CLEAR)
+        self._low = np.concatenate([self._low, points[found]])[-KNOWN:]
+        found &= f < SUSPECT
+        self._add_suspects(points[found], excluded[found], distance[found])
+
+    def _add_suspects(self, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
+        rows = self.n_space + np.arange(self._suspects, self._suspects + len(points)) % SUSPECTS
+        self._set_space(torch.from_numpy(rows), points, excluded, distance)
         self._suspects += len(rows)
 
     def _violations_of(self, networks: Networks) -> torch.Tensor:
@@ -128,7 +143,37 @@ class Composite:
 
         return torch.cat(self._team.map(look, range(0, self.n_space, LOOK_AT_ONCE)))
 
-    def _hunt(self, networks: Networks, level: float) -> np.ndarray:
+    def _slits(self, networks: Networks) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) points where f is low, and f (N,): points deep in the solid, and some around those found before.
+
+        Where heights jump, networks cut slits into the solid that may be narrower than the samples lie.
+        """
+        if not len(self._deep):
+            return self._deep, self._depth
+        at = self._hunter.integers(len(self._deep), size=HUNT_INSIDE)
+        away = self._hunter.normal(size=(HUNT_INSIDE, 3))
+        away *= ((self._depth[at] - CLEAR) * self._hunter.random(HUNT_INSIDE) / np.linalg.norm(away, axis=1))[:, None]
+        points = self._put(self._deep[at] + away)
+        if len(self._low):
+            near = self._low[self._hunter.integers(len(self._low), size=HUNT_INSIDE // 4)]
+            points = torch.cat([points, self._put(near + self._hunter.normal(size=near.shape) * AROUND)])
+
+        def below(at: int) -> tuple[torch.Tensor, torch.Tensor]:
+            part = points[at : at + LOOK_AT_ONCE]
+            least = torch.full((len(part),), FAR, device=self.device)
+            for k in range(len(networks)):
+                x = self._fold(part @ self._rotations[k], k)
+                y = heights(networks, k, x[:, :2])
+                least = torch.minimum(least, torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]))
+            low = least < LOW
+            return part[low], least[low]
+
+        with torch.no_grad():
+            parts = zip(*self._team.map(below, range(0, len(points), LOOK_AT_ONCE)), strict=True)
+        found, f = (torch.cat(part).cpu().numpy() for part in parts)
+        return found[: SUSPECTS // 2], f[: SUSPECTS // 2]
+
+    def _floaters(self, networks: Networks, level: float) -> np.ndarray:
         """(N, 3) points of far space where f is above a level."""
         points = self._put(self._far.draw(HUNT, self._hunter))
 

@@ -14,7 +14,7 @@ import trimesh
 from cndhf_codec.cli.sizes import parse_size
 from cndhf_codec.encoder import kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
-from cndhf_codec.encoder.composite import Composite
+from cndhf_codec.encoder.composite import SUSPECTS, Composite
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
@@ -215,6 +215,26 @@ def test_a_floater_is_hunted_down(composite):
     inverted = nets.copy()
     inverted.theta[:, -2:] = torch.tensor([2.0, -2.0])
     assert composite.strays(inverted) == 0
+
+
+def test_a_slit_is_looked_for_where_the_solid_is_deep(composite, solid):
+    nets = networks(width=6)
+    nets.theta.zero_()
+    nets.theta[:, -2:] = torch.tensor([-2.0, 2.0])  # nothing is cut away
+    assert len(composite._slits(nets)[0]) == 0
+    nets.theta[1, -2:] = torch.tensor([0.3, -0.3])  # everything is, by the second
+    before = composite._suspects
+    composite.look_for_violations(nets)
+    found = composite._suspects - before
+    assert found > 1000
+    rows = composite.n_space + (before + torch.arange(found)) % SUSPECTS
+    assert composite._inside[rows].all()
+    points = (composite._space[0][rows] @ composite._rotations[0].T).numpy().astype(float)
+    assert np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0]).min() > 0.02
+    assert solid.contains(points).all()
+    # The next search looks around what was found.
+    assert len(composite._slits(nets)[0]) > 0
+    assert 0 < len(composite._low) <= 2000
 
 
 def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
