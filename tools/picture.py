@@ -1,6 +1,6 @@
 """Render meshes and .cndhf files side by side: `python tools/picture.py out.png in.ply out.cndhf ...`.
 
-Orthographic ray casting with embreex, one column a file; sizes in bytes are written under each.
+Orthographic ray casting with embreex; the name and the size in bytes are written over each.
 """
 
 from __future__ import annotations
@@ -26,16 +26,23 @@ from matplotlib import pyplot as plt
 @click.option("--elevation", default=25.0, help="Degrees.")
 @click.option("--up", type=click.Choice(["y", "z"]), default="y")
 @click.option("--size", default=480, help="Pixels a picture.")
-def main(target: Path, sources: tuple[Path, ...], azimuth: float, elevation: float, up: str, size: int) -> None:
+@click.option("--columns", type=click.IntRange(1), help="Pictures in a row.  [default: all]")
+def main(
+    target: Path, sources: tuple[Path, ...], azimuth: float, elevation: float, up: str, size: int, columns: int | None
+) -> None:
     frame = view_frame(azimuth, elevation, up)
-    figure, axes = plt.subplots(1, len(sources), figsize=(len(sources) * size / 100, size / 100 + 0.35), squeeze=False)
-    for axis, path in zip(axes[0], sources, strict=True):
+    columns = columns or len(sources)
+    rows = -(-len(sources) // columns)
+    inches = columns * size / 100, rows * (size / 100 + 0.35)
+    figure, axes = plt.subplots(rows, columns, figsize=inches, squeeze=False)
+    for axis in axes.flat:
+        axis.axis("off")
+    for axis, path in zip(axes.flat, sources, strict=False):
         shape = read_shape(path, 384)
         centre = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2
         scale = np.linalg.norm(shape.vertices - centre, axis=1).max()
         axis.imshow(picture(Solid((shape.vertices - centre) / scale, shape.faces), frame, 2 * size))
         axis.set_title(f"{shape.name}: {shape.bytes:,} bytes", fontsize=10)
-        axis.axis("off")
     figure.tight_layout(pad=0.3)
     figure.savefig(target, dpi=100)
 
