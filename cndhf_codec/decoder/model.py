@@ -310,11 +310,12 @@ class Model:
     def prefix(self, n_dhfs: int) -> Model:
         """The solid of the first `n_dhfs` double height fields: it holds the whole solid, and what later ones carve.
 
-        The same as `loads_prefix` gives of the file's first bytes. Raises OptionError.
+        The same as `loads_prefix` gives of the file's first bytes, with this model's limits. Raises OptionError.
         """
         if not 1 <= n_dhfs <= len(self._dhfs):
             raise OptionError(f"there are no {n_dhfs} DHFs; this model has {len(self._dhfs)}")
-        return Model(replace(self.container, dhfs=self.container.dhfs[:n_dhfs], metadata=fmt.Metadata()))
+        first = replace(self.container, dhfs=self.container.dhfs[:n_dhfs], metadata=fmt.Metadata())
+        return Model(first, limits=self.limits)
 
     def dumps(self) -> bytes:
         """The bytes of the `.cndhf` file."""
@@ -334,13 +335,13 @@ def loads(data: bytes, limits: Limits | None = None) -> Model:
     return Model(fmt.loads(data), fmt.section_sizes(data), limits)
 
 
-def loads_prefix(data: bytes, n_dhfs: int | None = None) -> Model:
+def loads_prefix(data: bytes, n_dhfs: int | None = None, limits: Limits | None = None) -> Model:
     """Model of the first `n_dhfs` double height fields, or as many as are complete, from a file's first bytes.
 
     For streams: call it again as bytes arrive. The checksum comes last, so that damage may go unseen here; `loads` the
-    whole file in the end. Raises FormatError (TruncatedError where more bytes are needed) or OptionError.
+    whole file in the end. limits: as for `loads`. Raises FormatError (TruncatedError where more bytes are needed) or OptionError.
     """
-    return Model(fmt.loads_prefix(bytes(data), n_dhfs))
+    return Model(fmt.loads_prefix(bytes(data), n_dhfs), limits=limits)
 
 
 def load(path: str | os.PathLike[str], limits: Limits | None = None) -> Model:

@@ -111,6 +111,7 @@ def test_the_defaults_refuse_nothing_at_the_default_resolution():
 @pytest.mark.parametrize("method", ["to_mesh", "occupancy"])
 def test_resolution_has_a_limit_that_can_be_raised_and_lowered(golden, method):
     model = load(golden / "encoded.cndhf", limits=Limits(resolution=20))
+    assert model.prefix(1).limits == model.limits
     with pytest.raises(OptionError, match="8 to 20 are allowed"):
         getattr(model, method)(21)
     with pytest.raises(OptionError, match="8 to 20 are allowed"):

@@ -11,7 +11,7 @@ import pytest
 import rawfile
 from analytic import ABOUT_Y_90, slab, waves
 
-from cndhf_codec import loads, loads_prefix
+from cndhf_codec import Limits, loads, loads_prefix
 from cndhf_codec.errors import FormatError, OptionError, PayloadError, SectionError, TruncatedError
 from cndhf_codec.format import Metadata, dumps, rans, read_header
 from cndhf_codec.format.constants import CODEC_RANS
@@ -102,7 +102,9 @@ def test_records_must_come_first():
     assert loads(rawfile.build(parts)).container.codec == CODEC_RANS
     with pytest.raises(SectionError, match="before the records"):
         loads_prefix(rawfile.build(parts))
-    assert loads_prefix(rawfile.build(parts[::-1])).container.codec == CODEC_RANS
+    first = loads_prefix(rawfile.build(parts[::-1]), limits=Limits(resolution=20))
+    assert first.container.codec == CODEC_RANS
+    assert first.limits.resolution == 20
 
 
 def test_fields_are_checked_but_damage_of_weights_may_pass(model):

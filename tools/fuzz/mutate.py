@@ -150,7 +150,10 @@ def fresh_records(parts: Parts, rng: random.Random, blind: Bytes, others: Sequen
         box = [v for _ in range(3) for v in sorted(rng.sample(range(-32768, 32768), 2))]
         turn = rng.choice(((0, 0, 0, 32767), (32767, 0, 0, 0), (16384, 16384, -16384, 16384)))
         codes = bytes(rng.choice((0, 1, 20, 40, 127, 128 + 20)) for _ in range(2 * (hidden + 2)))
-        body += RECORD.pack(0, 0, *turn, *box, width, hidden, rng.choice(BYTES[1:]), rng.choice(BYTES[1:])) + codes
+        body += (
+            RECORD.pack(0, rng.randrange(4), *turn, *box, width, hidden, rng.choice(BYTES[1:]), rng.choice(BYTES[1:]))
+            + codes
+        )
     section[2] = body
     parts.head[3] = n
     fitting_weights(parts, rng, blind, others)
