@@ -339,7 +339,8 @@ def loads_prefix(data: bytes, n_dhfs: int | None = None, limits: Limits | None =
     """Model of the first `n_dhfs` double height fields, or as many as are complete, from a file's first bytes.
 
     For streams: call it again as bytes arrive. The checksum comes last, so that damage may go unseen here; `loads` the
-    whole file in the end. limits: as for `loads`. Raises FormatError (TruncatedError where more bytes are needed) or OptionError.
+    whole file in the end. limits: as for `loads`. Raises FormatError (TruncatedError where more bytes are needed)
+    or OptionError.
     """
     return Model(fmt.loads_prefix(bytes(data), n_dhfs), limits=limits)
 
