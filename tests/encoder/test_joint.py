@@ -217,24 +217,27 @@ def test_a_floater_is_hunted_down(composite):
     assert composite.strays(inverted) == 0
 
 
-def test_a_slit_is_looked_for_where_the_solid_is_deep(composite, solid):
+@pytest.mark.parametrize("cut", [True, False])
+def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cut):
+    composite = Composite(samples, far, frames, CPU, Team(1))
     nets = networks(width=6)
     nets.theta.zero_()
-    nets.theta[:, -2:] = torch.tensor([-2.0, 2.0])  # nothing is cut away
-    assert len(composite._slits(nets)[0]) == 0
-    nets.theta[1, -2:] = torch.tensor([0.3, -0.3])  # everything is, by the second
-    before = composite._suspects
+    # Everything is cut away, or nothing.
+    nets.theta[:, -2:] = torch.tensor([0.5, -0.5] if cut else [-2.0, 2.0])
+    points, f, inside = composite._doubtful(nets)
+    assert len(points) > 1000
+    assert (inside == cut).all()
+    assert ((f < 0) == cut).all()
     composite.look_for_violations(nets)
-    found = composite._suspects - before
-    assert found > 1000
-    rows = composite.n_space + (before + torch.arange(found)) % SUSPECTS
-    assert composite._inside[rows].all()
-    points = (composite._space[0][rows] @ composite._rotations[0].T).numpy().astype(float)
+    rows = composite.n_space + torch.arange(min(composite._suspects, SUSPECTS))
+    wrong = rows[composite._inside[rows] == cut]
+    assert len(wrong) > 1000
+    points = (composite._space[0][wrong] @ composite._rotations[0].T).numpy().astype(float)
     assert np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0]).min() > 0.02
-    assert solid.contains(points).all()
-    # The next search looks around what was found.
-    assert len(composite._slits(nets)[0]) > 0
-    assert 0 < len(composite._low) <= 2000
+    assert (solid.contains(points) == cut).mean() > 0.99
+    # The next search looks around what was found, too.
+    assert 0 < len(composite._known) <= 4000
+    assert len(composite._doubtful(nets)[0]) > 1000
 
 
 def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
