@@ -26,8 +26,8 @@ BEYOND = 10.0  # times as much weighs a sample outside the input's bounding box
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**15
 HUNT = 2**19  # points of far space that a search for floaters looks at
-HUNT_NEAR = 2**18  # points nearer to the surface, of both sides, that a search for specks and slits looks at
-LOW, KNOWN, AROUND = 0.015, 4000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
+HUNT_NEAR = 2**17  # points nearer to the surface, on each side, that a search for specks and slits looks at
+LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
 SUSPECT = 0.005  # what a search finds becomes a sample when f has the wrong sign, or is as close to zero
 SUSPECTS = 20_000  # of them that are kept, the latest
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
@@ -65,9 +65,10 @@ class Composite:
         self._cosine = self._put(samples.cosine)
         self._box = self._put(samples.box)
         off = samples.distance > CLEAR
-        self._off, self._depth = samples.space[off], samples.distance[off]
-        self._solid = np.logical_not(samples.excluded[off].any(axis=1))
-        self._known, self._known_solid = self._off[:0], self._solid[:0]
+        outside = samples.excluded.any(axis=1)
+        # Of each side, outside and inside: samples off the surface, and where f was found to be low.
+        self._off = [(samples.space[off & m], samples.distance[off & m]) for m in (outside, ~outside)]
+        self._known = [samples.space[:0], samples.space[:0]]
         self._hunter = np.random.default_rng(0)
         self._suspects = 0
         self._violations = torch.empty(0, dtype=torch.int64)
@@ -121,13 +122,13 @@ class Composite:
         excluded, distance = self._far.truth(points)
         found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
         self._add_suspects(points[found], excluded[found], distance[found])
-        points, f, solid = self._doubtful(networks)
-        excluded, distance = self._far.truth(points)
-        found = (excluded.any(axis=1) != solid) & (distance > CLEAR)
-        self._known = np.concatenate([self._known, points[found]])[-KNOWN:]
-        self._known_solid = np.concatenate([self._known_solid, solid[found]])[-KNOWN:]
-        found &= np.where(solid, f, -f) < SUSPECT
-        self._add_suspects(points[found], excluded[found], distance[found])
+        for side in range(2):
+            points, f = self._doubtful(networks, side)
+            excluded, distance = self._far.truth(points)
+            found = (excluded.any(axis=1) == (side == 0)) & (distance > CLEAR)
+            self._known[side] = np.concatenate([self._known[side], points[found]])[-KNOWN:]
+            found &= f < SUSPECT
+            self._add_suspects(points[found], excluded[found], distance[found])
 
     def _add_suspects(self, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
         rows = self.n_space + np.arange(self._suspects, self._suspects + len(points)) % SUSPECTS
@@ -145,39 +146,39 @@ class Composite:
 
         return torch.cat(self._team.map(look, range(0, self.n_space, LOOK_AT_ONCE)))
 
-    def _doubtful(self, networks: Networks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points off the surface where f is wrong or nearly so: (N, 3), f (N,), and (N,) whether they should be inside.
+    def _doubtful(self, networks: Networks, side: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points outside (side 0) or inside (1) where f is wrong or nearly so, (N, 3), and f (N,), for the outside -f.
 
         Near jumps of the heights, networks leave specks of solid, or cut slits into it, that may be smaller than the
         samples lie apart. A sample at a distance d has a ball of that radius around it which is all on its side.
         """
-        if not len(self._off):
-            return self._off, self._depth, self._solid
-        at = self._hunter.integers(len(self._off), size=HUNT_NEAR)
+        samples, depth = self._off[side]
+        if not len(samples):
+            return samples, depth
+        at = self._hunter.integers(len(samples), size=HUNT_NEAR)
         away = self._hunter.normal(size=(HUNT_NEAR, 3))
-        away *= ((self._depth[at] - CLEAR) * self._hunter.random(HUNT_NEAR) / np.linalg.norm(away, axis=1))[:, None]
-        points, solid = self._off[at] + away, self._solid[at]
-        if len(self._known):
-            at = self._hunter.integers(len(self._known), size=HUNT_NEAR // 4)
-            around = self._known[at] + self._hunter.normal(size=(len(at), 3)) * AROUND
-            points, solid = np.concatenate([points, around]), np.concatenate([solid, self._known_solid[at]])
-        placed, inside = self._put(points), torch.from_numpy(solid).to(self.device)
+        away *= ((depth[at] - CLEAR) * self._hunter.random(HUNT_NEAR) / np.linalg.norm(away, axis=1))[:, None]
+        points = self._put(samples[at] + away)
+        known = self._known[side]
+        if len(known):
+            near = known[self._hunter.integers(len(known), size=HUNT_NEAR // 4)]
+            points = torch.cat([points, self._put(near + self._hunter.normal(size=near.shape) * AROUND)])
 
         def look(at: int) -> tuple[torch.Tensor, torch.Tensor]:
-            part = placed[at : at + LOOK_AT_ONCE]
+            part = points[at : at + LOOK_AT_ONCE]
             least = torch.full((len(part),), FAR, device=self.device)
             for k in range(len(networks)):
                 x = self._fold(part @ self._rotations[k], k)
                 y = heights(networks, k, x[:, :2])
                 least = torch.minimum(least, torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]))
-            wrong = torch.where(inside[at : at + LOOK_AT_ONCE], least, -least) < LOW
-            return wrong.nonzero()[:, 0] + at, least[wrong]
+            f = least if side else -least
+            return part[f < LOW], f[f < LOW]
 
         with torch.no_grad():
-            parts = zip(*self._team.map(look, range(0, len(placed), LOOK_AT_ONCE)), strict=True)
-        rows, f = (torch.cat(part).cpu().numpy() for part in parts)
-        rows, f = rows[: SUSPECTS // 2], f[: SUSPECTS // 2]
-        return points[rows].astype(np.float32), f, solid[rows]
+            parts = zip(*self._team.map(look, range(0, len(points), LOOK_AT_ONCE)), strict=True)
+        # The last are those around what was known.
+        found, f = (torch.cat(part)[-SUSPECTS // 2 :].cpu().numpy() for part in parts)
+        return found, f
 
     def _floaters(self, networks: Networks, level: float) -> np.ndarray:
         """(N, 3) points of far space where f is above a level."""

@@ -224,10 +224,10 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     nets.theta.zero_()
     # Everything is cut away, or nothing.
     nets.theta[:, -2:] = torch.tensor([0.5, -0.5] if cut else [-2.0, 2.0])
-    points, f, inside = composite._doubtful(nets)
-    assert len(points) > 1000
-    assert (inside == cut).all()
-    assert ((f < 0) == cut).all()
+    wrong, right = (composite._doubtful(nets, side) for side in ((1, 0) if cut else (0, 1)))
+    assert len(wrong[0]) > 1000
+    assert (wrong[1] < 0).all()
+    assert len(right[0]) == 0
     composite.look_for_violations(nets)
     rows = composite.n_space + torch.arange(min(composite._suspects, SUSPECTS))
     wrong = rows[composite._inside[rows] == cut]
@@ -236,8 +236,8 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     assert np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0]).min() > 0.02
     assert (solid.contains(points) == cut).mean() > 0.99
     # The next search looks around what was found, too.
-    assert 0 < len(composite._known) <= 4000
-    assert len(composite._doubtful(nets)[0]) > 1000
+    assert [len(known) for known in composite._known] == ([0, 2000] if cut else [2000, 0])
+    assert len(composite._doubtful(nets, int(cut))[0]) > 1000
 
 
 def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
