@@ -29,7 +29,7 @@ HUNT = 2**19  # points of far space that a search for floaters looks at
 HUNT_NEAR = 2**17  # points nearer to the surface, on each side, that a search for specks and slits looks at
 LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
 SUSPECT = 0.005  # what a search finds becomes a sample when f has the wrong sign, or is as close to zero
-SUSPECTS = 20_000  # of them that are kept, the latest
+SUSPECTS = 10_000  # of them that are kept of each side, the latest
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
 
@@ -70,11 +70,11 @@ class Composite:
         self._off = [(samples.space[off & m], samples.distance[off & m]) for m in (outside, ~outside)]
         self._known = [samples.space[:0], samples.space[:0]]
         self._hunter = np.random.default_rng(0)
-        self._suspects = 0
+        self._suspects = [0, 0]  # outside, inside
         self._violations = torch.empty(0, dtype=torch.int64)
 
         # The samples of space, and after them room for suspects.
-        total = self.n_space + SUSPECTS
+        total = self.n_space + 2 * SUSPECTS
         self._space = torch.empty((len(frames), total, 3), device=device)
         self._excluded = torch.empty((total, len(frames)), dtype=torch.bool, device=device)
         self._inside = torch.empty(total, dtype=torch.bool, device=device)
@@ -103,9 +103,11 @@ class Composite:
         quarter = n_space // 4
         if len(self._violations):
             space[:quarter] = self._violations[torch.randint(len(self._violations), (quarter,), generator=generator)]
-        if self._suspects:
-            suspects = min(self._suspects, SUSPECTS)
-            space[-quarter:] = self.n_space + torch.randint(suspects, (quarter,), generator=generator)
+        # Those of one side may be a hundred times as many as those of the other, which matter as much.
+        sides = [side for side in range(2) if self._suspects[side]]
+        for side, part in zip(sides, space[-quarter:].tensor_split(max(len(sides), 1)), strict=False):
+            count = min(self._suspects[side], SUSPECTS)
+            part[:] = self.n_space + side * SUSPECTS + torch.randint(count, part.shape, generator=generator)
         return surface.to(self.device), space.to(self.device)
 
     def strays(self, networks: Networks) -> int:
@@ -118,22 +120,23 @@ class Composite:
         """Find what is seldom drawn by chance: the space samples on the wrong side of f, and suspects: points of far
         space where f is about to rise above zero, and points nearer to the surface where it is about to be wrong."""
         self._violations = self._violations_of(networks).cpu()
-        points = self._floaters(networks, -SUSPECT)[: SUSPECTS // 2]
+        points = self._floaters(networks, -SUSPECT)[:SUSPECTS]
         excluded, distance = self._far.truth(points)
         found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
-        self._add_suspects(points[found], excluded[found], distance[found])
+        self._add_suspects(0, points[found], excluded[found], distance[found])
         for side in range(2):
             points, f = self._doubtful(networks, side)
             excluded, distance = self._far.truth(points)
             found = (excluded.any(axis=1) == (side == 0)) & (distance > CLEAR)
             self._known[side] = np.concatenate([self._known[side], points[found]])[-KNOWN:]
             found &= f < SUSPECT
-            self._add_suspects(points[found], excluded[found], distance[found])
+            self._add_suspects(side, points[found], excluded[found], distance[found])
 
-    def _add_suspects(self, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
-        rows = self.n_space + np.arange(self._suspects, self._suspects + len(points)) % SUSPECTS
+    def _add_suspects(self, side: int, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
+        numbers = (self._suspects[side] + np.arange(len(points))) % SUSPECTS
+        rows = self.n_space + side * SUSPECTS + numbers
         self._set_space(torch.from_numpy(rows), points, excluded, distance)
-        self._suspects += len(rows)
+        self._suspects[side] += len(rows)
 
     def _violations_of(self, networks: Networks) -> torch.Tensor:
         nothing = torch.empty(0, dtype=torch.int64, device=self.device)
@@ -177,7 +180,7 @@ class Composite:
         with torch.no_grad():
             parts = zip(*self._team.map(look, range(0, len(points), LOOK_AT_ONCE)), strict=True)
         # The last are those around what was known.
-        found, f = (torch.cat(part)[-SUSPECTS // 2 :].cpu().numpy() for part in parts)
+        found, f = (torch.cat(part)[-SUSPECTS:].cpu().numpy() for part in parts)
         return found, f
 
     def _floaters(self, networks: Networks, level: float) -> np.ndarray:

@@ -209,7 +209,7 @@ def test_a_floater_is_hunted_down(composite):
     nets.theta[:, -2:] = torch.tensor([-2.0, 2.0])
     assert composite.strays(nets) > 10_000
     tune(nets, composite, 512, 1, 1e-9, 0, lambda step, loss: None, Deadline())
-    assert composite._suspects > 1000
+    assert composite._suspects[0] > 1000
     _, off = composite.draw(10, 400, torch.Generator().manual_seed(0))
     assert (off >= composite.n_space).sum() == 100
     inverted = nets.copy()
@@ -229,10 +229,11 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     assert (wrong[1] < 0).all()
     assert len(right[0]) == 0
     composite.look_for_violations(nets)
-    rows = composite.n_space + torch.arange(min(composite._suspects, SUSPECTS))
-    wrong = rows[composite._inside[rows] == cut]
-    assert len(wrong) > 1000
-    points = (composite._space[0][wrong] @ composite._rotations[0].T).numpy().astype(float)
+    assert composite._suspects[int(not cut)] == 0
+    rows = composite.n_space + int(cut) * SUSPECTS + torch.arange(min(composite._suspects[int(cut)], SUSPECTS))
+    assert len(rows) > 1000
+    assert (composite._inside[rows] == cut).all()
+    points = (composite._space[0][rows] @ composite._rotations[0].T).numpy().astype(float)
     assert np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0]).min() > 0.02
     assert (solid.contains(points) == cut).mean() > 0.99
     # The next search looks around what was found, too.
