@@ -101,8 +101,9 @@ def envelope(rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:
 def ratio_of(ours: Row, peers: list[Row]) -> float:
     sizes, errors = envelope(peers)
     size = float(ours["bytes"])
-    if not sizes[0] <= size <= sizes[-1]:
+    if size < sizes[0]:
         return float("nan")
+    # Beyond the last point a peer has nothing better to offer: its error there is what counts.
     return float(np.exp(np.interp(np.log(size), np.log(sizes), np.log(errors)))) / float(ours["CD"])
 
 
