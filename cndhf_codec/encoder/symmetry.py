@@ -15,7 +15,7 @@ from .samples import surface_points
 from .solid import Solid
 from .verify import point_distances
 
-WORST = 2e-3  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
+WORST = 3e-4  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
 POINTS = 20_000
 SPACING = 1.5  # times the samples' own distance from each other that those of a mirror image may be from them
 SQUARE = 0.01  # cosine up to which two planes stand at right angles
