@@ -28,7 +28,7 @@ LOOK_AT_ONCE = 2**15
 HUNT = 2**19  # points of far space that a search for floaters looks at
 HUNT_NEAR = 2**17  # points nearer to the surface, on each side, that a search for specks and slits looks at
 LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
-SUSPECT = 0.005  # what a search finds becomes a sample when f has the wrong sign, or is as close to zero
+SUSPECT = 0.005  # what is found near the surface becomes a sample when f has the wrong sign, or is as close to zero
 SUSPECTS = 10_000  # of them that are kept of each side, the latest
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
@@ -120,7 +120,7 @@ class Composite:
         """Find what is seldom drawn by chance: the space samples on the wrong side of f, and suspects: points of far
         space where f is about to rise above zero, and points nearer to the surface where it is about to be wrong."""
         self._violations = self._violations_of(networks).cpu()
-        points = self._floaters(networks, -SUSPECT)[:SUSPECTS]
+        points = self._floaters(networks, -LOW)[:SUSPECTS]
         excluded, distance = self._far.truth(points)
         found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
         self._add_suspects(0, points[found], excluded[found], distance[found])
