@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from ..format import DhfRecord
+from ..format.container import fold
 from .network import F32, Network
 
 Heights = Callable[[F32, F32], tuple[F32, F32]]  # u, v (N,) -> near, far (N,)
@@ -29,20 +29,13 @@ class Dhf:
 
     def heights(self, uv: F32) -> F32:
         """(N, 2) float32 -> (N, 2): near and far height; (u, v) outside the domain box is clamped to it."""
-        uv = np.clip(uv, self.bounds[:2, 0], self.bounds[:2, 1])
-        self._fold(uv)
-        return self.network(uv)
+        return self.network(self._described(uv))
 
-    def _fold(self, uv: F32) -> list[tuple[int, npt.NDArray[np.bool_]]]:
-        """Move points (N, 2), in place, to the side of the mirrors that the network describes. Returns, for each
-        mirror, which column it is of and which points were moved."""
-        moved = []
-        for k, middle in enumerate(self.mirrors):
-            if middle is not None:
-                m = np.float32(middle)
-                moved.append((k, uv[:, k] < m))
-                uv[:, k] = m + np.abs(uv[:, k] - m)
-        return moved
+    def _described(self, uv: F32) -> F32:
+        """(N, 2) -> (N, 2): what the network is given for (u, v)."""
+        uv = np.clip(uv, self.bounds[:2, 0], self.bounds[:2, 1])
+        fold(uv, self.mirrors)
+        return uv
 
     def implicit(self, points: F32, heights: Heights | None = None) -> F32:
         """(N, 3) float32 points of the normalised frame -> (N,): positive inside this DHF.
@@ -69,11 +62,10 @@ class Dhf:
         """
         uvz = (self.rotation @ points.T).T
         lo, hi = self.bounds[:2, 0], self.bounds[:2, 1]
-        uv = np.clip(uvz[:, :2], lo, hi)
-        moved = self._fold(uv)
-        heights, slopes = self.network.gradient(uv)
-        for k, points_moved in moved:
-            slopes[points_moved, :, k] *= -1
+        heights, slopes = self.network.gradient(self._described(uvz[:, :2]))
+        for k, middle in enumerate(self.mirrors):
+            if middle is not None:
+                slopes[uvz[:, k] < middle, :, k] *= -1
         # Beyond the box the heights go on as they are at its edge.
         slopes *= ((uvz[:, :2] >= lo) & (uvz[:, :2] <= hi))[:, None, :]
         z = uvz[:, 2]

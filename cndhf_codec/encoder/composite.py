@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from ..format.container import fold
 from . import kernel
 from .heights import Frame
 from .samples import CLEAR, FarSpace, Samples
@@ -171,9 +172,7 @@ class Composite:
             part = points[at : at + LOOK_AT_ONCE]
             least = torch.full((len(part),), FAR, device=self.device)
             for k in range(len(networks)):
-                x = self._fold(part @ self._rotations[k], k)
-                y = heights(networks, k, x[:, :2])
-                least = torch.minimum(least, torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]))
+                least = torch.minimum(least, self._slack(networks, k, part))
             f = least if side else -least
             return part[f < LOW], f[f < LOW]
 
@@ -190,14 +189,19 @@ class Composite:
         def above(at: int) -> torch.Tensor:
             part = points[at : at + LOOK_AT_ONCE]
             for k in range(len(networks)):
-                x = self._fold(part @ self._rotations[k], k)
-                y = heights(networks, k, x[:, :2])
-                part = part[torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]) > level]
+                part = part[self._slack(networks, k, part) > level]
             return part
 
         with torch.no_grad():
             found = self._team.map(above, range(0, len(points), LOOK_AT_ONCE))
         return torch.cat([points[:0], *found]).cpu().numpy()
+
+    def _slack(self, networks: Networks, k: int, points: torch.Tensor) -> torch.Tensor:
+        """(N,): min(far - z, z - near) of DHF k at points (N, 3) of the normalised frame."""
+        x = points @ self._rotations[k]
+        fold(x, self._frames[k].mirrors)
+        y = heights(networks, k, x[:, :2])
+        return torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0])
 
     def gradient(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> tuple[torch.Tensor, float]:
         """(K, P) gradient in theta of the loss, and the loss: the mean cost of the surface samples and that of the
@@ -259,12 +263,8 @@ class Composite:
     def _in_frames(self, points: np.ndarray) -> torch.Tensor:
         """(K, N, 3): points (N, 3) in the frame of every DHF, on the side of its mirrors that the network describes."""
         uvz = self._put(points) @ self._rotations
-        return torch.stack([self._fold(x, k) for k, x in enumerate(uvz)])
-
-    def _fold(self, uvz: torch.Tensor, k: int) -> torch.Tensor:
-        for column, middle in enumerate(self._frames[k].mirrors):
-            if middle is not None:
-                uvz[:, column] = middle + (uvz[:, column] - middle).abs()
+        for x, frame in zip(uvz, self._frames, strict=True):
+            fold(x, frame.mirrors)
         return uvz
 
     def _put(self, array: object) -> torch.Tensor:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..format.constants import BOX_STEP, QUATERNION_ONE
-from ..format.container import mirrors, rotation_matrix
+from ..format.container import fold, mirrors, rotation_matrix
 from .solid import Solid
 
 RAY_START = 2.0  # the shape lies within 1 of the origin
@@ -38,9 +38,7 @@ class Frame:
     def folded(self, uv: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """(..., 2) -> (..., 2): what the network is given for (u, v)."""
         uv = uv.copy()
-        for k, middle in enumerate(self.mirrors):
-            if middle is not None:
-                uv[..., k] = middle + np.abs(uv[..., k] - middle)
+        fold(uv, self.mirrors)
         return uv
 
 
@@ -77,6 +75,11 @@ def frame_for_axis(axis: npt.NDArray[np.float64], vertices: npt.NDArray[np.float
     x, y, z = axis / np.linalg.norm(axis)
     # Half way between the identity and twice the turn. Opposite to z every half turn is as short: that about x.
     q = np.array([y, -x, 0.0, 1 + z] if z > -1 + 1e-12 else [1.0, 0.0, 0.0, 0.0])
+    return frame_for_quaternion(q, vertices)
+
+
+def frame_for_quaternion(q: npt.NDArray[np.float64], vertices: npt.NDArray[np.float64]) -> Frame:
+    """Frame of a rotation x, y, z, w of any length, and the box of the rotated vertices."""
     a, b, c, d = (int(k) for k in np.round(q / np.linalg.norm(q) * QUATERNION_ONE))
     uvz = vertices @ rotation_matrix((a, b, c, d)).T
     lo = np.floor(uvz.min(axis=0) / BOX_STEP).astype(int)

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import require
-from ..format.constants import BOX_STEP, QUATERNION_ONE
-from ..format.container import rotation_matrix
-from .heights import Frame, frame_for_axis
+from ..format.constants import BOX_STEP
+from .heights import Frame, frame_for_axis, frame_for_quaternion
 from .samples import surface_points
 from .solid import Solid
 from .verify import point_distances
@@ -68,17 +67,14 @@ def frame_with_mirrors(axis: F64, vertices: F64, planes: list[MirrorPlane]) -> F
     u = across[0].normal
     rotation = np.stack([u, np.cross(axis, u), axis])
     transform = require("scipy.spatial.transform", "encode").Rotation.from_matrix(rotation)
-    a, b, c, d = (int(k) for k in np.round(transform.as_quat() * QUATERNION_ONE))
-    uvz = vertices @ rotation_matrix((a, b, c, d)).T
-    lo = np.floor(uvz.min(axis=0) / BOX_STEP).astype(int)
-    hi = np.maximum(np.ceil(uvz.max(axis=0) / BOX_STEP).astype(int), lo + 1)
+    frame = frame_for_quaternion(transform.as_quat(), vertices)
+    lo, hi = list(frame.box[0::2]), list(frame.box[1::2])
     for k, plane in enumerate(across):
         # The middle of the box is the plane, to half a step.
         twice = round(2 * plane.offset * float(rotation[k] @ plane.normal) / BOX_STEP)
         hi[k] = max(hi[k], twice - lo[k])
         lo[k] = twice - hi[k]
-    box = (int(lo[0]), int(hi[0]), int(lo[1]), int(hi[1]), int(lo[2]), int(hi[2]))
-    return Frame((a, b, c, d), box, 2 ** len(across) - 1)
+    return Frame(frame.quaternion, (lo[0], hi[0], lo[1], hi[1], lo[2], hi[2]), 2 ** len(across) - 1)
 
 
 def _moments(solid: Solid) -> tuple[F64, F64]:

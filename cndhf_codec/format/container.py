@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -109,6 +111,14 @@ def mirrors(box: tuple[int, int, int, int, int, int], fold: int) -> tuple[float 
     """The middle of the box in u and in v where the bit of `fold` is set; else None."""
     u, v = ((lo + hi) * c.BOX_STEP / 2 if fold >> k & 1 else None for k, (lo, hi) in enumerate((box[0:2], box[2:4])))
     return u, v
+
+
+def fold(uv: Any, mirrors: Sequence[float | None]) -> None:
+    """Move points (..., 2), a numpy array or a torch tensor, in place to the side of the mirrors that the network
+    describes."""
+    for k, middle in enumerate(mirrors):
+        if middle is not None:
+            uv[..., k] = middle + abs(uv[..., k] - middle)
 
 
 def rotation_matrix(quaternion: tuple[int, int, int, int]) -> npt.NDArray[np.float64]:

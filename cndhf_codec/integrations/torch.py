@@ -6,6 +6,7 @@ from typing import Any
 
 from ..decoder.model import Model
 from ..errors import OptionError, require
+from ..format.container import fold
 
 torch: Any = require("torch", "encode")
 Tensor: Any = torch.Tensor
@@ -53,8 +54,7 @@ class _DhfModule(torch.nn.Module):
 
     def heights(self, uv: Tensor) -> Tensor:
         x = torch.clamp(uv, self.bounds[:2, 0], self.bounds[:2, 1])
-        columns = zip(x.unbind(dim=-1), self.mirrors, strict=True)
-        x = torch.stack([c if m is None else m + (c - m).abs() for c, m in columns], dim=-1)
+        fold(x, self.mirrors)
         for W, b, omega in zip(self.matrices, self.biases, self.omegas, strict=False):
             x = torch.sin(omega * torch.nn.functional.linear(x, W, b))
         return torch.nn.functional.linear(x, self.matrices[-1], self.biases[-1])
