@@ -21,6 +21,7 @@ I32 = npt.NDArray[np.int32]
 
 BLOCK, BRICK = 16, 4  # nodes along a side
 CHILDREN = BLOCK // BRICK
+NOBODY = 255
 OUTSIDE, INSIDE = 0, 1  # rows of values that stand for all bricks without surface
 
 # Field values, in spacings, are kept between these magnitudes. The lower one keeps a surface vertex from
@@ -47,11 +48,13 @@ class Band:
 
     corners: (n + 2, 3) first node of each brick; rows OUTSIDE and INSIDE belong to none.
     values: (n + 2, 64) f in spacings, clipped; rows OUTSIDE and INSIDE hold a constant.
+    holders: (n + 2, 64) number of the DHF whose part of f is the least there, NOBODY where none is near its surface.
     """
 
     grid: Grid
     corners: I32
     values: F32
+    holders: npt.NDArray[np.uint8]
     _blocks: I32  # (nx + 1, ny + 1, nz + 1): row of `_bricks` for a block; beyond the grid all is outside
     _bricks: I32  # (m + 2, 64): row of `values` for a brick of a block
 
@@ -90,11 +93,12 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     least = np.concatenate([np.zeros((len(least), 2), bool), least[:, chosen]], axis=1)
     values = np.full((len(corners), LOCAL.shape[0]), MOST, dtype=np.float32)
     values[OUTSIDE] = -MOST
+    holders = np.full(values.shape, NOBODY, dtype=np.uint8)
     for k, (dhf, table) in enumerate(zip(dhfs, tables, strict=True)):
-        _lower(values, np.flatnonzero(least[k]), grid, corners, dhf, table)
+        _lower(values, holders, k, np.flatnonzero(least[k]), grid, corners, dhf, table)
     _close(values, grid, corners)
     values = np.where(values >= 0, np.maximum(values, LEAST), np.clip(values, -MOST, -LEAST))
-    return Band(grid, corners, values, blocks, bricks)
+    return Band(grid, corners, values, holders, blocks, bricks)
 
 
 def _sift(
@@ -147,8 +151,17 @@ def dhf_bounds(dhf: Dhf, bounds: HeightBounds, centres: npt.NDArray[np.float64],
     return lower, upper
 
 
-def _lower(values: F32, rows: npt.NDArray[np.int64], grid: Grid, corners: I32, dhf: Dhf, table: HeightTable) -> None:
-    """Lower `values` in these rows to the DHF's f, in spacings."""
+def _lower(
+    values: F32,
+    holders: npt.NDArray[np.uint8],
+    number: int,
+    rows: npt.NDArray[np.int64],
+    grid: Grid,
+    corners: I32,
+    dhf: Dhf,
+    table: HeightTable,
+) -> None:
+    """Lower `values` in these rows to the f of the DHF of a number, in spacings; it holds what it lowers."""
     offsets = ((LOCAL * grid.spacing) @ dhf.rotation.T).astype(np.float32)
 
     def work(first: int, last: int) -> None:
@@ -158,7 +171,10 @@ def _lower(values: F32, rows: npt.NDArray[np.int64], grid: Grid, corners: I32, d
         near, far = table(u, v)
         f = dhf.least(u, v, z, near, far)
         f /= np.float32(grid.spacing)
-        values[part] = np.minimum(values[part], f.reshape(-1, len(LOCAL)))
+        f = f.reshape(-1, len(LOCAL))
+        before = values[part]
+        holders[part] = np.where(f < before, np.uint8(number), holders[part])
+        values[part] = np.minimum(before, f)
 
     over_rows(work, len(rows), BRICKS_AT_ONCE)
 

@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .band import BRICK, I32, INSIDE, LOCAL, Band
-from .network import F32
 from .parallel import over_rows
 
 I64 = npt.NDArray[np.int64]
@@ -35,13 +34,15 @@ WHOSE = (PADDED // BRICK) @ STRIDES
 NUMBER = (PADDED % BRICK) @ (BRICK * BRICK, BRICK, 1)
 PADDED_STRIDES = np.array([(BRICK + 1) ** 2, BRICK + 1, 1])
 OWN = LOCAL @ PADDED_STRIDES  # (64,) the brick's own nodes in that order
+FAR_END = (OWN[:, None] + PADDED_STRIDES).ravel()  # (192,) of the edge 3 * node + axis
 
 
-def surface_edges(band: Band) -> tuple[I64, I32, I64, F32]:
+def surface_edges(band: Band) -> tuple[I32, I32, I64]:
     """Where the surface crosses the grid, and how the crossings join.
 
-    Returns rows (N,) of the band's bricks and edges (N,): 3 * node + axis, node 0 to 63 of the brick; triangles (M, 3)
-    of numbers of crossings, seen anticlockwise from outside; and f (N, 2) at both ends of the edges.
+    Returns the nodes (N, 2) at both ends of the grid's edges that it crosses, as 64 * row + node with node 0 to 63 of
+    the band's brick in that row; the axes (N,) of those edges; and triangles (M, 3) of their numbers, seen
+    anticlockwise from outside.
     """
     row = np.arange(INSIDE + 1, len(band.values))
     # The bricks at a brick's eight corners (0, 0, 0), (0, 0, 1), ...: those that hold the nodes just above it.
@@ -82,7 +83,7 @@ def surface_edges(band: Band) -> tuple[I64, I32, I64, F32]:
     triangle = start[case] - first_face[:-1]  # plus the number of a face: its row in the table
     owner = place[beside].ravel()
     faces = np.empty((first_face[-1], 3), dtype=np.int64)
-    ends = np.empty((len(edge), 2), dtype=np.float32)
+    ends = np.empty((len(edge), 2), dtype=np.int32)
 
     def find_faces(first: int, last: int) -> None:
         count = np.diff(first_face[first : last + 1])
@@ -93,15 +94,13 @@ def surface_edges(band: Band) -> tuple[I64, I32, I64, F32]:
         faces[these[0] : these[-1] + 1] = number.take(slot.reshape(-1, 3).take(row_of, axis=0) * n + brick_of)
 
     def find_ends(first: int, last: int) -> None:
-        node, axis = np.divmod(edge[first:last], 3)
-        far = OWN[node] + PADDED_STRIDES[axis]
-        values = band.values.ravel()
-        ends[first:last, 0] = values.take(row[brick[first:last]] * len(LOCAL) + node)
-        ends[first:last, 1] = values.take(beside[brick[first:last], WHOSE[far]] * len(LOCAL) + NUMBER[far])
+        far = FAR_END[edge[first:last]]
+        ends[first:last, 0] = row[brick[first:last]] * len(LOCAL) + edge[first:last] // 3
+        ends[first:last, 1] = beside[brick[first:last], WHOSE[far]] * len(LOCAL) + NUMBER[far]
 
     over_rows(find_faces, len(at), CELLS_AT_ONCE)
     over_rows(find_ends, len(edge), CELLS_AT_ONCE)
-    return row[brick], edge, faces, ends
+    return ends, edge % 3, faces
 
 
 @lru_cache(maxsize=1)

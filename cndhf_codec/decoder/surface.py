@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SurfaceError
-from .band import LOCAL, Grid, narrow_band
+from .band import LOCAL, Band, Grid, narrow_band
 from .cubes import surface_edges
 from .dhf import Dhf, implicit, implicit_gradient
 from .limits import Limits
@@ -22,7 +22,6 @@ CLOSE_ENOUGH = 0.05  # a vertex with |f| below this (spacings) takes one last st
 REFINEMENTS = 5  # steps of root finding along a vertex's edge, at most
 NEWTON_STEPS = 2  # for vertices without a crossing on their edge
 REFINED_AT_ONCE = 2**15
-NEAR = 0.5  # a DHF whose tabulated f is within this (spacings) of the least may be the least
 
 
 def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTable]]:
@@ -55,11 +54,11 @@ def marching_cubes(
     """
     grid, tables = make_grid(dhfs, resolution)
     band = narrow_band(grid, dhfs, tables)
-    row, edge, faces, ends = surface_edges(band)
-    limits.count("vertices", len(row))
+    ends, axis, faces = surface_edges(band)
+    limits.count("vertices", len(ends))
     if not len(faces):
         raise SurfaceError("the solid is empty or thinner than a voxel; raise the resolution")
-    vertices, found = _crossings(grid, dhfs, tables, band.corners[row] + LOCAL[edge // 3], edge % 3, ends)
+    vertices, found = _crossings(band, dhfs, ends, axis)
     missed = np.flatnonzero(~found)
     vertices[missed] = _settled(dhfs, vertices[missed].astype(np.float32), grid.spacing)
     return vertices, faces
@@ -92,36 +91,34 @@ def _beside_surface(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _crossings(
-    grid: Grid,
-    dhfs: Sequence[Dhf],
-    tables: Sequence[HeightTable],
-    start: npt.NDArray[np.int32],
-    axis: npt.NDArray[np.int32],
-    ends: F32,
+    band: Band, dhfs: Sequence[Dhf], ends: npt.NDArray[np.int32], axis: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
     """Where the exact f crosses zero on grid edges, (N, 3) in the normalised frame, and whether a crossing was found.
 
-    start: (N, 3) first nodes of the edges; axis: (N,) their directions; ends: (N, 2) f at both nodes, from the tables.
+    ends: (N, 2) nodes of the band; axis: (N,) directions of the edges between them.
     Where heights are steep, the tables may see a crossing on an edge beside that which has it.
     Marching cubes places vertices as if f were linear along an edge, which it is not across creases and
     silhouettes: on a 256 grid that would be the largest error of the surface. Newton's method with the slope of a
     secant, which costs a third of the analytic one, kept in a bracket (the Illinois method).
     """
-    out = np.empty((len(start), 3))
-    found = np.ones(len(start), dtype=bool)
+    grid = band.grid
+    out = np.empty((len(ends), 3))
+    found = np.ones(len(ends), dtype=bool)
 
     def work(first: int, last: int) -> None:
-        nodes = grid.origin + grid.spacing * start[first:last]
+        row, node = np.divmod(ends[first:last, 0], len(LOCAL))
+        nodes = grid.origin + grid.spacing * (band.corners[row] + LOCAL[node])
         origin = nodes.astype(np.float32)
         step = np.zeros_like(origin)
         step[np.arange(len(step)), axis[first:last]] = grid.spacing
-        fa, fb = ends[first:last].T
+        fa, fb = band.values.ravel().take(ends[first:last].T)
+        holders = band.holders.ravel().take(ends[first:last].T)
         a, b = np.zeros_like(fa), np.ones_like(fa)
         t = fa / (fa - fb)
         left = np.arange(len(t))  # those not close enough yet; what follows is theirs
         again_a, again_b = np.zeros_like(left, dtype=bool), np.zeros_like(left, dtype=bool)  # this end stays once more
         for _ in range(REFINEMENTS):
-            ft = _exact(grid, dhfs, tables, origin[left] + t[left, None] * step[left])
+            ft = _exact(grid, dhfs, holders[:, left], origin[left] + t[left, None] * step[left])
             above = (ft > 0) == (fa > 0)  # the crossing lies between t and b
             fa, fb = np.where(above, ft, fa * (1 - again_a / 2)), np.where(above, fb * (1 - again_b / 2), ft)
             a, b = np.where(above, t[left], a), np.where(above, b, t[left])
@@ -137,7 +134,7 @@ def _crossings(
         found[first + left] = False
         out[first:last] = nodes + np.clip(t, CLOSEST, 1 - CLOSEST)[:, None] * step
 
-    over_rows(work, len(start), REFINED_AT_ONCE)
+    over_rows(work, len(ends), REFINED_AT_ONCE)
     return out, found
 
 
@@ -159,20 +156,12 @@ def _settled(dhfs: Sequence[Dhf], points: F32, spacing: float) -> F32:
     return best
 
 
-def _exact(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable], points: F32) -> F32:
-    """f in spacings at points (N, 3), from the networks of those DHFs that it can be of, going by the tables."""
-    frames = [dhf.rotation @ points.T for dhf in dhfs]
-    rough = []
-    for dhf, table, (u, v, z) in zip(dhfs, tables, frames, strict=True):
-        near, far = table(u, v)
-        rough.append(dhf.least(u, v, z, near, far))
-    limit = np.minimum.reduce(rough) + np.float32(NEAR * grid.spacing)
+def _exact(grid: Grid, dhfs: Sequence[Dhf], holders: npt.NDArray[np.uint8], points: F32) -> F32:
+    """f in spacings at points (N, 3) of edges, from the networks of the DHFs that hold their ends, (2, N)."""
     f = np.full(len(points), np.inf, dtype=np.float32)
-    for dhf, uvz, part in zip(dhfs, frames, rough, strict=True):
-        rows = np.flatnonzero(part <= limit)
-        u, v, z = uvz.take(rows, axis=1)
-        near, far = dhf.heights(np.column_stack([u, v])).T
-        f[rows] = np.minimum(f[rows], dhf.least(u, v, z, near, far))
+    for k, dhf in enumerate(dhfs):
+        rows = np.flatnonzero((holders == k).any(axis=0))
+        f[rows] = np.minimum(f[rows], dhf.implicit(points[rows]))
     return f / np.float32(grid.spacing)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from ..format.container import fold
@@ -30,7 +31,10 @@ HUNT = 2**19  # points of far space that a search for floaters looks at
 HUNT_NEAR = 2**17  # points nearer to the surface, on each side, that a search for specks and slits looks at
 LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
 SUSPECT = 0.005  # what is found near the surface becomes a sample when f has the wrong sign, or is as close to zero
+AT_MOST = 4000  # points of a kind that a search asks the truth about
 SUSPECTS = 10_000  # of them that are kept of each side, the latest
+REACH = 0.05  # how much f must change before a network that is left out of a sample has a say in what it costs
+RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
 
@@ -52,12 +56,29 @@ class Terms:
     uv: list[torch.Tensor]
 
 
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Samples of one step. surface: (B,) rows of the surface samples. space: (C,) places in the pool, which stand for
+    `of` draws among all of space."""
+
+    surface: npt.NDArray[np.int64]
+    space: npt.NDArray[np.int64]
+    of: int
+
+
 class Composite:
-    """Samples in the frame of every DHF, ready to be drawn from."""
+    """Samples in the frame of every DHF, ready to be drawn from.
+
+    Most samples of space cost nothing, and most DHFs are far from most samples. `look` finds what matters to some
+    networks: the pool of the space samples that batches are drawn from, and which DHFs are near a sample. The networks
+    may then change for some steps before it must look again.
+    """
 
     def __init__(self, samples: Samples, far: FarSpace, frames: list[Frame], device: torch.device, team: Team) -> None:
         self.device, self._team, self._far = device, team, far
         self.n_surface, self.n_space = len(samples.surface), len(samples.space)
+        self._hunter = np.random.default_rng(0)
+        samples = samples.in_random_order(self._hunter)
         self._frames = frames
         self._boxes = self._put(np.stack([f.bounds for f in frames]))
         self._rotations = self._put(np.stack([f.rotation for f in frames])).mT
@@ -70,17 +91,20 @@ class Composite:
         # Of each side, outside and inside: samples off the surface, and where f was found to be low.
         self._off = [(samples.space[off & m], samples.distance[off & m]) for m in (outside, ~outside)]
         self._known = [samples.space[:0], samples.space[:0]]
-        self._hunter = np.random.default_rng(0)
         self._suspects = [0, 0]  # outside, inside
-        self._violations = torch.empty(0, dtype=torch.int64)
 
         # The samples of space, and after them room for suspects.
         total = self.n_space + 2 * SUSPECTS
-        self._space = torch.empty((len(frames), total, 3), device=device)
-        self._excluded = torch.empty((total, len(frames)), dtype=torch.bool, device=device)
-        self._inside = torch.empty(total, dtype=torch.bool, device=device)
-        self._distance, self._margin, self._weight = (torch.empty(total, device=device) for _ in range(3))
+        self._space = torch.zeros((len(frames), total, 3), device=device)
+        self._excluded = torch.zeros((total, len(frames)), dtype=torch.bool, device=device)
+        self._inside = torch.zeros(total, dtype=torch.bool, device=device)
+        self._distance, self._margin, self._weight = (torch.zeros(total, device=device) for _ in range(3))
         self._set_space(torch.arange(self.n_space), samples.space, samples.excluded, samples.distance)
+
+        # Until a look is taken everything matters.
+        self._near_surface = torch.ones_like(self._seen)
+        self._near_space = torch.ones_like(self._excluded)
+        self._set_pool(torch.arange(self.n_space, device=device))
 
     def _set_space(self, rows: torch.Tensor, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
         self._space[:, rows] = self._in_frames(points)
@@ -96,42 +120,111 @@ class Composite:
         margin = (self._distance[rows] / 2).clamp(max=MARGIN)
         self._margin[rows] = margin.masked_fill(beyond & ~self._inside[rows], -FAR)
 
-    def draw(self, n_surface: int, n_space: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Indices of a random batch. A half of its space samples are among what `look_for_violations` found, where it
-        found any: a quarter violations, a quarter suspects."""
-        surface = torch.randint(self.n_surface, (n_surface,), generator=generator)
-        space = torch.randint(self.n_space, (n_space,), generator=generator)
+    def draw(self, n_surface: int, n_space: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """Rows of surface and of space samples, all of which may be drawn. A half of the latter are among what `look`
+        found, where it found any: a quarter violations, a quarter suspects."""
+        found = self._shares(n_space)
+        rest = n_space - sum(n for _, _, n in found)
+        nothing = np.empty(0, dtype=np.int64)
+        places = np.concatenate([nothing, *(rng.integers(first, last, n) for first, last, n in found)])
+        pooled = self._pool[torch.from_numpy(places).to(self.device)]
+        surface = torch.from_numpy(rng.integers(self.n_surface, size=n_surface)).to(self.device)
+        space = torch.from_numpy(rng.integers(self.n_space, size=rest)).to(self.device)
+        return surface, torch.cat([space, pooled])
+
+    def draw_batch(self, n_surface: int, n_space: int, rng: np.random.Generator) -> Batch:
+        """As `draw`, for a step: in runs, and without the space samples that cost nothing."""
+        parts = self._shares(n_space)
+        rest = n_space - sum(n for _, _, n in parts)
+        parts.append((0, self._active, round(rest * self._active / self.n_space)))
+        space = np.concatenate([_runs(*part, rng) for part in parts])
+        return Batch(_runs(0, self.n_surface, n_surface, rng), space, n_space)
+
+    def rows(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+        """The rows of a batch's surface and space samples, as `draw` gives them."""
+        return torch.from_numpy(batch.surface).to(self.device), self._pool[
+            torch.from_numpy(batch.space).to(self.device)
+        ]
+
+    def _shares(self, n_space: int) -> list[tuple[int, int, int]]:
+        """Of `n_space` draws, how many are among the violations and the suspects: (first, last, count), places in the
+        pool."""
+        n_found = len(self._pool) - self._active - sum(self._kept)
+        ends = np.cumsum([self._active, n_found, *self._kept])
         quarter = n_space // 4
-        if len(self._violations):
-            space[:quarter] = self._violations[torch.randint(len(self._violations), (quarter,), generator=generator)]
+        parts = [(int(ends[0]), int(ends[1]), quarter)] if n_found else []
         # Those of one side may be a hundred times as many as those of the other, which matter as much.
-        sides = [side for side in range(2) if self._suspects[side]]
-        for side, part in zip(sides, space[-quarter:].tensor_split(max(len(sides), 1)), strict=False):
-            count = min(self._suspects[side], SUSPECTS)
-            part[:] = self.n_space + side * SUSPECTS + torch.randint(count, part.shape, generator=generator)
-        return surface.to(self.device), space.to(self.device)
+        sides = [side for side in range(2) if self._kept[side]]
+        counts = [len(part) for part in np.array_split(np.arange(quarter), len(sides))] if sides else []
+        return parts + [(int(ends[1 + s]), int(ends[2 + s]), n) for s, n in zip(sides, counts, strict=True)]
 
     def strays(self, networks: Networks) -> int:
         """How many points far outside the solid are inside the networks' one: floaters."""
-        found = self._violations_of(networks)
-        known = int((self._distance[found] > STRAY).logical_and(~self._inside[found]).sum())
+        held = self._least(self._slacks(networks, self._space)) > 0
+        known = int((held & ~self._inside & (self._distance > STRAY))[: self.n_space].sum())
         return known + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
 
-    def look_for_violations(self, networks: Networks) -> None:
-        """Find what is seldom drawn by chance: the space samples on the wrong side of f, and suspects: points of far
-        space where f is about to rise above zero, and points nearer to the surface where it is about to be wrong."""
-        self._violations = self._violations_of(networks).cpu()
-        points = self._floaters(networks, -LOW)[:SUSPECTS]
-        excluded, distance = self._far.truth(points)
+    def look(self, networks: Networks) -> None:
+        """Find what matters to some networks: which DHFs are near which samples; the space samples that cost something
+        or soon might; and what is seldom drawn by chance: those on the wrong side of f, and suspects, points of far
+        space where f is about to rise above zero and points nearer to the surface where it is about to be wrong."""
+        floaters = self._floaters(networks, -LOW)[:AT_MOST]
+        sides = [self._doubtful(networks, side) for side in range(2)]
+        parts = [floaters, *(points for points, _ in sides)]
+        excluded, distance = self._far.truth(np.concatenate(parts))
+        ends = np.cumsum([len(p) for p in parts])[:-1]
+        truth = list(zip(parts, np.split(excluded, ends), np.split(distance, ends), strict=True))
+        points, excluded, distance = truth[0]
         found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
         self._add_suspects(0, points[found], excluded[found], distance[found])
-        for side in range(2):
-            points, f = self._doubtful(networks, side)
-            excluded, distance = self._far.truth(points)
+        for side, (points, excluded, distance) in enumerate(truth[1:]):
             found = (excluded.any(axis=1) == (side == 0)) & (distance > CLEAR)
             self._known[side] = np.concatenate([self._known[side], points[found]])[-KNOWN:]
-            found &= f < SUSPECT
+            found &= sides[side][1] < SUSPECT
             self._add_suspects(side, points[found], excluded[found], distance[found])
+
+        slack = self._slacks(networks, self._surface)
+        own = slack.masked_fill(~self._seen, FAR).min(dim=1, keepdim=True).values
+        self._near_surface = (slack < REACH) | (self._seen & (slack <= own))
+
+        slack = self._slacks(networks, self._space)
+        least = self._least(slack)
+        near = REACH + torch.where(self._inside, self._margin, least)
+        self._near_space = (slack < near[:, None]) & (self._excluded | self._inside[:, None])
+        hinge = self._margin + torch.where(self._inside, -least, least)
+        self._set_pool(torch.nonzero(hinge[: self.n_space] > -REACH)[:, 0], hinge)
+
+    def _set_pool(self, active: torch.Tensor, hinge: torch.Tensor | None = None) -> None:
+        """What batches are drawn from: rows of the active space samples, of those of them that are violations (where
+        f has the wrong sign), and of the suspects of each side."""
+        violations = active[:0] if hinge is None else active[hinge[active] > self._margin[active].clamp(min=0)]
+        self._kept = [min(n, SUSPECTS) for n in self._suspects]
+        suspects = [self.n_space + s * SUSPECTS + torch.arange(n, device=self.device) for s, n in enumerate(self._kept)]
+        self._active, self._pool = len(active), torch.cat([active, violations, *suspects])
+        at = self._pool
+        self._in_pool = (
+            self._space[:, at].contiguous(),
+            self._near_space[at],
+            self._excluded[at],
+            self._inside[at],
+            self._margin[at],
+            self._weight[at],
+        )
+
+    def _slacks(self, networks: Networks, points: torch.Tensor) -> torch.Tensor:
+        """(N, K): min(far - z, z - near) of every DHF at points (K, N, 3) in their frames."""
+
+        def look(at: int) -> torch.Tensor:
+            parts = []
+            for k in range(len(networks)):
+                x = points[k, at : at + LOOK_AT_ONCE]
+                uv = torch.minimum(torch.maximum(x[:, :2], self._boxes[k, :2, 0]), self._boxes[k, :2, 1])
+                y = heights(networks, k, uv)
+                parts.append(torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]))
+            return torch.stack(parts, dim=1)
+
+        with torch.no_grad():
+            return torch.cat(self._team.map(look, range(0, points.shape[1], LOOK_AT_ONCE)))
 
     def _add_suspects(self, side: int, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
         numbers = (self._suspects[side] + np.arange(len(points))) % SUSPECTS
@@ -139,16 +232,10 @@ class Composite:
         self._set_space(torch.from_numpy(rows), points, excluded, distance)
         self._suspects[side] += len(rows)
 
-    def _violations_of(self, networks: Networks) -> torch.Tensor:
-        nothing = torch.empty(0, dtype=torch.int64, device=self.device)
-
-        def look(at: int) -> torch.Tensor:
-            part = torch.arange(at, min(at + LOOK_AT_ONCE, self.n_space), device=self.device)
-            with torch.no_grad():
-                terms = self.terms(networks, nothing, part)
-            return part[(terms.argument > self._margin[part]) & (terms.cost > 0)]
-
-        return torch.cat(self._team.map(look, range(0, self.n_space, LOOK_AT_ONCE)))
+    def _least(self, slack: torch.Tensor) -> torch.Tensor:
+        """(N,): the slack that decides about each space sample: the least of all for one that is inside, of those DHFs
+        that may exclude it for one that is outside."""
+        return torch.where(self._inside, slack.min(dim=1).values, slack.masked_fill(~self._excluded, FAR).amin(dim=1))
 
     def _doubtful(self, networks: Networks, side: int) -> tuple[np.ndarray, np.ndarray]:
         """Points outside (side 0) or inside (1) where f is wrong or nearly so, (N, 3), and f (N,), for the outside -f.
@@ -179,7 +266,7 @@ class Composite:
         with torch.no_grad():
             parts = zip(*self._team.map(look, range(0, len(points), LOOK_AT_ONCE)), strict=True)
         # The last are those around what was known.
-        found, f = (torch.cat(part)[-SUSPECTS:].cpu().numpy() for part in parts)
+        found, f = (torch.cat(part)[-AT_MOST:].cpu().numpy() for part in parts)
         return found, f
 
     def _floaters(self, networks: Networks, level: float) -> np.ndarray:
@@ -203,21 +290,22 @@ class Composite:
         y = heights(networks, k, x[:, :2])
         return torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0])
 
-    def gradient(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> tuple[torch.Tensor, float]:
-        """(K, P) gradient in theta of the loss, and the loss: the mean cost of the surface samples and that of the
-        space samples with these indices, added."""
+    def gradient(self, networks: Networks, batch: Batch) -> tuple[torch.Tensor, float]:
+        """(K, P) gradient in theta of the loss, and the loss: the mean cost of the batch's surface samples and that of
+        the space samples that it stands for, added."""
+        n = len(batch.surface)
         if self.device.type != "cpu":
             theta = networks.theta.detach().requires_grad_()
-            cost = self.terms(replace(networks, theta=theta), surface, space).cost
-            loss = cost[: len(surface)].mean() + cost[len(surface) :].mean()
+            cost = self.terms(replace(networks, theta=theta), *self.rows(batch)).cost
+            loss = cost[:n].mean() + cost[n:].sum() / batch.of
             return torch.autograd.grad(loss, theta)[0], loss.item()
         theta_array, boxes = networks.theta.detach().numpy(), self._boxes.numpy()
-        on_surface = (self._surface.numpy(), self._seen.numpy(), self._cosine.numpy())
-        in_space = tuple(t.numpy() for t in (self._space, self._excluded, self._inside, self._margin, self._weight))
+        on_surface = tuple(t.numpy() for t in (self._surface, self._near_surface, self._seen, self._cosine))
+        in_space = tuple(t.numpy() for t in self._in_pool)
+        scales = np.float32(1 / max(n, 1)), np.float32(1 / max(batch.of, 1))
 
         def shard(s: int) -> tuple[np.ndarray, float]:
-            on, off = (i.numpy()[len(i) * s // SHARDS : len(i) * (s + 1) // SHARDS] for i in (surface, space))
-            scales = (np.float32(1 / max(len(i), 1)) for i in (surface, space))
+            on, off = (i[len(i) * s // SHARDS : len(i) * (s + 1) // SHARDS] for i in (batch.surface, batch.space))
             return kernel.composite_gradient(
                 theta_array, *networks.for_kernel, boxes, on_surface, in_space, on, off, *scales
             )
@@ -269,3 +357,13 @@ class Composite:
 
     def _put(self, array: object) -> torch.Tensor:
         return torch.as_tensor(array, dtype=torch.float32).to(self.device)
+
+
+def _runs(first: int, last: int, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    """`count` of the integers from first to last - 1, in runs from random places on; the first follows the last."""
+    n = last - first
+    if n == 0:
+        return np.empty(0, dtype=np.int64)
+    run = min(RUN, n)
+    at = (rng.integers(n, size=-(-count // run))[:, None] + np.arange(run)).ravel()[:count]
+    return first + np.where(at < n, at, at - n)

@@ -29,8 +29,8 @@ def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free
     """The matrix of every network, from a fresh draw of samples: rows and columns are the weights that are `free`, a
     mask (K, P), in file order."""
     weights = networks.theta.numel()
-    generator = torch.Generator().manual_seed(seed)
-    surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), generator)
+    rng = np.random.default_rng(seed)
+    surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), rng)
     with torch.no_grad():
         terms = composite.terms(networks, surface, space)
     n = len(surface)

@@ -13,8 +13,10 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-TILE = 256  # points evaluated at once: what a network computes for them stays in the cache
+TILE = 512  # points evaluated at once: what a network computes for them stays in the cache
+LANES = 8  # loops over a multiple of this many points leave none to be treated one by one
 FAR = np.float32(1e3)  # stands for "no such double height field"
+COPY = 3  # points that copying one costs as much as going back through the layers for
 
 F32 = npt.NDArray[np.float32]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -272,6 +274,7 @@ def evaluate(
     layers: int,
     omega: np.float32,
     points: F32,
+    near: npt.NDArray[np.bool_],
     rows: npt.NDArray[np.int64],
     boxes: F32,
     x: F32,
@@ -279,20 +282,39 @@ def evaluate(
     slopes: F32,
     slack: F32,
     far: npt.NDArray[np.bool_],
+    place: npt.NDArray[np.int64],
+    count: npt.NDArray[np.int64],
 ) -> None:
-    """min(far - z, z - near) of every network at points[:, rows], (K, N, 3) in the networks' frames, and whether it is
-    the far one. Fills x (K, 2, TILE), xs and slopes (K, layers, width, TILE), slack and far (K, TILE)."""
-    n = len(rows)
+    """min(far - z, z - near) of the networks at points[:, rows], (K, N, 3) in the networks' frames, and whether it is
+    the far one; only where a network is `near`, (N, K), the point.
+
+    Fills slack (K, TILE), FAR where it is not; far; place (K, TILE): the column of x (K, 2, TILE), xs and slopes
+    (K, layers, width, TILE) that has the point; and count (K,): how many columns have one.
+    """
     for k in range(len(theta)):
-        for t in range(n):
-            for a in range(2):
-                x[k, a, t] = min(max(points[k, rows[t], a], boxes[k, a, 0]), boxes[k, a, 1])
-        y = forward(theta[k], width, layers, omega, x[k], n, xs[k], slopes[k])
-        for t in range(n):
-            z = points[k, rows[t], 2]
-            above, below = y[1, t] - z, z - y[0, t]
-            far[k, t] = above < below
-            slack[k, t] = min(above, below)
+        m = 0
+        for t in range(len(rows)):
+            i = rows[t]
+            slack[k, t] = FAR
+            if near[i, k]:
+                for a in range(2):
+                    x[k, a, m] = min(max(points[k, i, a], boxes[k, a, 0]), boxes[k, a, 1])
+                place[k, t] = m
+                m += 1
+        count[k] = m
+        if m == 0:
+            continue
+        while m % LANES:  # what fills it up is evaluated, and then left alone
+            x[k, 0, m], x[k, 1, m] = x[k, 0, 0], x[k, 1, 0]
+            m += 1
+        y = forward(theta[k], width, layers, omega, x[k], m, xs[k], slopes[k])
+        for t in range(len(rows)):
+            i = rows[t]
+            if near[i, k]:
+                z, m = points[k, i, 2], place[k, t]
+                above, below = y[1, m] - z, z - y[0, m]
+                far[k, t] = above < below
+                slack[k, t] = min(above, below)
 
 
 @compiled
@@ -302,8 +324,8 @@ def composite_gradient(
     layers: int,
     omega: np.float32,
     boxes: F32,
-    surface: tuple[F32, npt.NDArray[np.bool_], F32],
-    space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
+    surface: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32],
+    space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
     on: npt.NDArray[np.int64],
     off: npt.NDArray[np.int64],
     on_scale: np.float32,
@@ -311,20 +333,22 @@ def composite_gradient(
 ) -> tuple[F32, float]:
     """(K, P) gradient of the composite loss of some samples in theta, and that loss.
 
-    boxes: (K, 3, 2) domain boxes. surface: points (K, N, 3), seen (N, K), cosine (N, K). space: points (K, M, 3),
-    excluded (M, K), inside (M,), margin (M,), weight (M,). on, off: samples of the surface and of space that are
-    looked at; on_scale, off_scale: what each of them counts.
+    boxes: (K, 3, 2) domain boxes. surface: points (K, N, 3), near (N, K), seen (N, K), cosine (N, K). space: points
+    (K, M, 3), near (M, K), excluded (M, K), inside (M,), margin (M,), weight (M,). Networks that are not near a sample
+    have no say in what it costs. on, off: samples of the surface and of space that are looked at; on_scale, off_scale:
+    what each of them counts.
     """
     K = len(theta)
     shape = (K, layers, width, TILE)
     xs, slopes = np.empty(shape, np.float32), np.empty(shape, np.float32)
     x, slack, far = np.empty((K, 2, TILE), np.float32), np.empty((K, TILE), np.float32), np.empty((K, TILE), np.bool_)
+    place, count = np.empty((K, TILE), np.int64), np.empty(K, np.int64)
     active, slope = np.empty(TILE, np.int64), np.empty(TILE, np.float32)
-    chosen = np.empty(TILE, np.int64)
-    part_x, part_g = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
+    g, part_x = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
     part_xs, part_slopes = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
-    points_on, seen, cosine = surface
-    points_off, excluded, inside, margin, weight = space
+    chosen = np.empty(TILE, np.int64)
+    points_on, near_on, seen, cosine = surface
+    points_off, near_off, excluded, inside, margin, weight = space
     grad = np.zeros(theta.shape, np.float32)
     loss = 0.0
     for half in range(2):
@@ -333,7 +357,8 @@ def composite_gradient(
             rows = samples[at : at + TILE]
             n = len(rows)
             points = points_on if half == 0 else points_off
-            evaluate(theta, width, layers, omega, points, rows, boxes, x, xs, slopes, slack, far)
+            near = near_on if half == 0 else near_off
+            evaluate(theta, width, layers, omega, points, near, rows, boxes, x, xs, slopes, slack, far, place, count)
             for t in range(n):
                 i = rows[t]
                 least, who = FAR, 0
@@ -363,20 +388,33 @@ def composite_gradient(
                         loss += slope[t] * (least + margin[i])
                 active[t] = who
             for k in range(K):
-                # The network's part of the tile, packed to the front.
-                m = 0
+                m, pulled = count[k], 0
                 for t in range(n):
                     if active[t] == k and slope[t] != 0:
-                        chosen[m] = t
-                        part_x[0, m], part_x[1, m] = x[k, 0, t], x[k, 1, t]
-                        part_g[0, m] = 0 if far[k, t] else -slope[t]
-                        part_g[1, m] = slope[t] if far[k, t] else 0
-                        m += 1
-                for layer in range(layers if m else 0):
-                    for j in range(width):
-                        for t in range(m):
-                            part_xs[layer, j, t] = xs[k, layer, j, chosen[t]]
-                            part_slopes[layer, j, t] = slopes[k, layer, j, chosen[t]]
-                if m:
-                    backward(theta[k], width, layers, omega, part_x, m, part_xs, part_slopes, part_g, grad[k])
+                        chosen[pulled] = t
+                        pulled += 1
+                if COPY * pulled > m:
+                    g[:] = 0
+                    for j in range(pulled):
+                        t = chosen[j]
+                        side = 1 if far[k, t] else 0
+                        g[side, place[k, t]] = slope[t] * (2 * side - 1)
+                    m += -m % LANES
+                    backward(theta[k], width, layers, omega, x[k], m, xs[k], slopes[k], g, grad[k])
+                elif pulled:
+                    # Few have a say: packed to the front they cost less.
+                    m = pulled + -pulled % LANES
+                    part_x[:, :m], part_xs[:, :, :m], part_slopes[:, :, :m], g[:, :m] = 0, 0, 0, 0
+                    for j in range(pulled):
+                        t = chosen[j]
+                        side, at_t = 1 if far[k, t] else 0, place[k, t]
+                        part_x[0, j], part_x[1, j] = x[k, 0, at_t], x[k, 1, at_t]
+                        g[side, j] = slope[t] * (2 * side - 1)
+                        chosen[j] = at_t
+                    for layer in range(layers):
+                        for i in range(width):
+                            for j in range(pulled):
+                                part_xs[layer, i, j] = xs[k, layer, i, chosen[j]]
+                                part_slopes[layer, i, j] = slopes[k, layer, i, chosen[j]]
+                    backward(theta[k], width, layers, omega, part_x, m, part_xs, part_slopes, g, grad[k])
     return grad, loss

@@ -41,6 +41,18 @@ class Samples:
     distance: npt.NDArray[np.float32]
     box: npt.NDArray[np.float32]
 
+    def in_random_order(self, rng: np.random.Generator) -> Samples:
+        on, off = rng.permutation(len(self.surface)), rng.permutation(len(self.space))
+        return Samples(
+            self.surface[on],
+            self.seen[on],
+            self.cosine[on],
+            self.space[off],
+            self.excluded[off],
+            self.distance[off],
+            self.box,
+        )
+
 
 def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Samples:
     """`count` points of the surface, uniform by area, and as many of space: a half near the surface, a half uniform in

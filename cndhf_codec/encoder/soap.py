@@ -1,108 +1,178 @@
-"""SOAP for networks of equal shape: Adam in the eigenbasis of Shampoo's preconditioner, all matrices in one batch.
+"""SOAP for networks of equal shape: Adam in the eigenbasis of Shampoo's preconditioner.
 
-Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024). A library's would step matrix by matrix; with
-matrices as small as these that costs more than the networks' own forward and backward pass.
+Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024). Compiled: with matrices as small as
+these, calls of a library's functions would cost more than the networks' own forward and backward pass.
 """
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
 import torch
 
+from .kernel import F32, add_product, compiled, inlined
 from .siren import Networks
 
-BETA = 0.95  # of both moments and of the preconditioner
-EPSILON = 1e-8
+BETA = np.float32(0.95)  # of both moments and of the preconditioner
+EPSILON = np.float32(1e-8)
 SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest entry
 FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
+
+Places = npt.NDArray[np.int64]  # (M, 3): where each matrix starts in a row of theta, its rows and its columns
 
 
 class Soap:
     """Steps the weights of some networks in place."""
 
     def __init__(self, networks: Networks) -> None:
-        theta = networks.theta.detach()
-        self._theta, self._networks = theta, networks
+        self._theta = networks.theta.detach()
+        starts = np.cumsum([0, *networks.sizes])
+        self._places = np.array([(starts[i], *shape) for i, shape in enumerate(networks.shapes) if len(shape) == 2])
         self._step = 0
-        self._first, self._second = torch.zeros_like(theta), torch.zeros_like(theta)
-        views = matrices(theta, networks)
-        self._grams = [[_zeros(v, v.shape[-2]), _zeros(v, v.shape[-1])] for v in views]
-        self._bases: list[list[torch.Tensor]] = []
+        self._first, self._second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
+        # Of each matrix, for its rows and for its columns; what is beyond its size is not used.
+        shape = (len(networks), len(self._places), 2, networks.width, networks.width)
+        self._grams, self._bases = (np.zeros(shape, np.float32) for _ in range(2))
 
     def step(self, gradient: torch.Tensor, rate: float) -> None:
         """One step along `gradient`, (K, P). The first call only sets up the eigenbasis."""
-        views = matrices(gradient, self._networks)
-        for (left, right), g in zip(self._grams, views, strict=True):
-            left.lerp_(g @ g.mT, 1 - BETA)
-            right.lerp_(g.mT @ g, 1 - BETA)
-        if not self._bases:
-            self._bases = [[_eigenbasis(gram) for gram in pair] for pair in self._grams]
+        g = gradient.detach().cpu().numpy()
+        if not self._bases.any():
+            _first_bases(g, self._places, self._grams, self._bases)
             return
         self._step += 1
-        rotated = self._rotate(gradient)
-        self._first.lerp_(rotated, 1 - BETA)
-        self._second.lerp_(rotated.square_(), 1 - BETA)
-        correction = 1 - BETA**self._step
-        scale = rate * correction**0.5 / correction
-        move = self._rotate_back(self._first / self._second.sqrt().add_(EPSILON))
-        self._theta.sub_(move, alpha=scale)
-        if self._step % REFRESH == 0:
-            self._refresh()
-
-    def _refresh(self) -> None:
-        """One step of orthogonal iteration on every eigenbasis; the moments go along."""
-        unrotated = self._rotate_back(self._first)
-        seconds = matrices(self._second, self._networks)
-        for pair, bases, second in zip(self._grams, self._bases, seconds, strict=True):
-            for side, gram in enumerate(pair):
-                basis = bases[side]
-                # Largest first, or the iteration would not converge.
-                order = (basis * (gram @ basis)).sum(dim=-2).argsort(dim=-1, descending=True)
-                basis = basis.gather(-1, order[..., None, :].expand_as(basis))
-                index = order[..., :, None] if side == 0 else order[..., None, :]
-                second.copy_(second.gather(-2 if side == 0 else -1, index.expand_as(second)))
-                bases[side] = torch.linalg.qr(_scaled(gram) @ basis)[0]
-        self._first = self._rotate(unrotated)
-
-    def _rotate(self, flat: torch.Tensor) -> torch.Tensor:
-        out = flat.clone()
-        for (left, right), v in zip(self._bases, matrices(out, self._networks), strict=True):
-            v.copy_(left.mT @ v @ right)
-        return out
-
-    def _rotate_back(self, flat: torch.Tensor) -> torch.Tensor:
-        out = flat.clone()
-        for (left, right), v in zip(self._bases, matrices(out, self._networks), strict=True):
-            v.copy_(left @ v @ right.mT)
-        return out
+        correction = 1 - float(BETA) ** self._step
+        scale = np.float32(rate * correction**0.5 / correction)
+        refresh = self._step % REFRESH == 0
+        move = _move(g, self._places, self._grams, self._bases, self._first, self._second, scale, refresh)
+        self._theta.sub_(torch.from_numpy(move).to(self._theta.device))
 
 
-def matrices(flat: torch.Tensor, networks: Networks) -> list[torch.Tensor]:
-    """Views of the first, the hidden and the last matrices in (K, P): (K, layers, outputs, inputs) each."""
-    (K, P), width = flat.shape, networks.width
-    out, at = [], 0
-    for rows, columns, layers in ((width, 2, 1), (width, width, networks.hidden_layers), (2, width, 1)):
-        shape, strides = (K, layers, rows, columns), (P, rows * columns + rows, columns, 1)
-        out.append(flat.as_strided(shape, strides, flat.storage_offset() + at))
-        at += layers * (rows * columns + rows)
-    return out
+@inlined
+def _product(A: F32, B: F32, out: F32) -> None:
+    """out[: rows of A, : columns of B] = A B."""
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            out[i, j] = 0
+    add_product(A, B, out, B.shape[1])
 
 
-def _zeros(view: torch.Tensor, side: int) -> torch.Tensor:
-    return torch.zeros((*view.shape[:2], side, side), device=view.device)
+@inlined
+def _add_to_grams(g: F32, left: F32, right: F32) -> None:
+    """Move the grams a little towards those of g: g g^T and g^T g."""
+    rows, columns = g.shape
+    for i in range(rows):
+        for j in range(rows):
+            left[i, j] *= BETA
+    add_product((1 - BETA) * g, g.T.copy(), left, rows)
+    for i in range(columns):
+        for j in range(columns):
+            right[i, j] *= BETA
+    add_product((1 - BETA) * g.T.copy(), g, right, columns)
 
 
-def _eigenbasis(grams: torch.Tensor) -> torch.Tensor:
-    """About the eigenvectors, by orthogonal iteration: LAPACK's solvers give NaN for some matrices of few numbers that
-    are not zero, as the first gradient's are."""
-    scaled = _scaled(grams)
-    basis = torch.eye(grams.shape[-1], device=grams.device).expand_as(grams)
-    for _ in range(FIRST_ITERATIONS):
-        basis = torch.linalg.qr(scaled @ basis)[0]
-    return basis
+@inlined
+def _iterate(gram: F32, basis: F32) -> None:
+    """One step of orthogonal iteration: the basis becomes an orthonormal one of (gram + shift) basis.
+
+    Gram and Schmidt's method, twice over, in float64: LAPACK's solvers give NaN for some matrices of few numbers that
+    are not zero.
+    """
+    n = len(gram)
+    largest = 1e-30
+    for i in range(n):
+        for j in range(n):
+            largest = max(largest, abs(gram[i, j]))
+    vectors = np.zeros((n, n))  # one a row
+    for c in range(n):
+        for j in range(n):
+            b = basis[j, c] / largest
+            for i in range(n):
+                vectors[c, i] += gram[j, i] * b
+        for i in range(n):
+            vectors[c, i] += SHIFT * basis[i, c]
+    for c in range(n):
+        for _ in range(2):
+            for b in range(c):
+                along = 0.0
+                for i in range(n):
+                    along += vectors[b, i] * vectors[c, i]
+                for i in range(n):
+                    vectors[c, i] -= along * vectors[b, i]
+            square = 0.0
+            for i in range(n):
+                square += vectors[c, i] * vectors[c, i]
+            for i in range(n):
+                vectors[c, i] /= np.sqrt(square)
+    for c in range(n):
+        for i in range(n):
+            basis[i, c] = vectors[c, i]
 
 
-def _scaled(grams: torch.Tensor) -> torch.Tensor:
-    """The same eigenvectors, for entries of about 1 and no eigenvalue of 0."""
-    largest = grams.abs().amax(dim=(-2, -1), keepdim=True).clamp(min=1e-30)
-    return grams / largest + SHIFT * torch.eye(grams.shape[-1], device=grams.device)
+@compiled
+def _first_bases(gradient: F32, places: Places, grams: F32, bases: F32) -> None:
+    for k in range(len(gradient)):
+        for m in range(len(places)):
+            at, rows, columns = places[m]
+            g = gradient[k, at : at + rows * columns].reshape(rows, columns)
+            _add_to_grams(g, grams[k, m, 0], grams[k, m, 1])
+            for side in range(2):
+                n = rows if side == 0 else columns
+                basis = bases[k, m, side, :n, :n]
+                for i in range(n):
+                    basis[i, i] = 1
+                for _ in range(FIRST_ITERATIONS):
+                    _iterate(grams[k, m, side, :n, :n], basis)
+
+
+@compiled
+def _move(
+    gradient: F32, places: Places, grams: F32, bases: F32, first: F32, second: F32, scale: np.float32, refresh: bool
+) -> F32:
+    """(K, P): what a step takes from the weights. Brings the moments, in the eigenbasis, and the grams up to date, and
+    then the bases where they are to be refreshed."""
+    K, P = gradient.shape
+    move, rotated = np.empty((K, P), np.float32), gradient.copy()
+    width = grams.shape[-1]
+    half, whole = np.empty((width, width), np.float32), np.empty((width, width), np.float32)
+    for k in range(K):
+        for m in range(len(places)):
+            at, rows, columns = places[m]
+            g = gradient[k, at : at + rows * columns].reshape(rows, columns)
+            _add_to_grams(g, grams[k, m, 0], grams[k, m, 1])
+            _product(bases[k, m, 0, :rows, :rows].T.copy(), g, half)
+            to = rotated[k, at : at + rows * columns].reshape(rows, columns)
+            _product(half[:rows, :columns], bases[k, m, 1, :columns, :columns], to)
+        for i in range(P):
+            first[k, i] += (1 - BETA) * (rotated[k, i] - first[k, i])
+            second[k, i] += (1 - BETA) * (rotated[k, i] * rotated[k, i] - second[k, i])
+            move[k, i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
+        for m in range(len(places)):
+            at, rows, columns = places[m]
+            left, right = bases[k, m, 0, :rows, :rows], bases[k, m, 1, :columns, :columns]
+            to = move[k, at : at + rows * columns].reshape(rows, columns)
+            _product(left, to, half)
+            _product(half[:rows, :columns], right.T.copy(), to)
+            if refresh:
+                moment = first[k, at : at + rows * columns].reshape(rows, columns)
+                _product(left, moment, half)
+                _product(half[:rows, :columns], right.T.copy(), whole)
+                squares = second[k, at : at + rows * columns].reshape(rows, columns)
+                for side in range(2):
+                    n = rows if side == 0 else columns
+                    gram, basis = grams[k, m, side, :n, :n], bases[k, m, side, :n, :n]
+                    # Largest eigenvalue first, or the iteration would not converge.
+                    values = np.empty(n, np.float32)
+                    _product(gram, basis, half)
+                    for c in range(n):
+                        values[c] = 0
+                        for i in range(n):
+                            values[c] -= basis[i, c] * half[i, c]
+                    order = np.argsort(values, kind="mergesort")
+                    basis[:] = basis.copy()[:, order]
+                    squares[:] = squares.copy()[order] if side == 0 else squares.copy()[:, order]
+                    _iterate(gram, basis)
+                _product(left.T.copy(), whole[:rows, :columns], half)
+                _product(half[:rows, :columns], right, moment)
+    return move

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 
 from ..errors import EncodeError
@@ -36,7 +37,7 @@ def tune(
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges.
     """
-    generator = torch.Generator().manual_seed(seed)
+    rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
     start = networks.theta.clone()
     n_surface = round(batch * SURFACE)
@@ -45,9 +46,9 @@ def tune(
         if done >= 1:
             break
         if (step - 1) % LOOK_EVERY == 0:
-            composite.look_for_violations(networks)
-        on, off = composite.draw(n_surface, batch - n_surface, generator)
-        gradient, loss = composite.gradient(networks, on, off)
+            composite.look(networks)
+        drawn = composite.draw_batch(n_surface, batch - n_surface, rng)
+        gradient, loss = composite.gradient(networks, drawn)
         if held is not None:
             gradient.masked_fill_(held, 0)
         optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))

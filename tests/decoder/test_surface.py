@@ -145,11 +145,16 @@ def test_any_signs_give_a_closed_surface():
     values[2:][border] = -1
     values[band.OUTSIDE] = -1
     corners = np.concatenate([np.zeros((2, 3)), corners]).astype(np.int32)
-    noise = band.Band(band.Grid(np.zeros(3), 1.0, (n, n, n)), corners, values, blocks, bricks.astype(np.int32))
-    row, edge, faces, ends = surface_edges(noise)
-    assert len(np.unique(row.astype(np.int64) * 192 + edge)) == len(row)
-    assert np.all(ends[:, 0] * ends[:, 1] < 0)
-    vertices = corners[row] + band.LOCAL[edge // 3] + 0.5 * np.eye(3)[edge % 3]
+    nobody = np.full(values.shape, band.NOBODY, dtype=np.uint8)
+    noise = band.Band(band.Grid(np.zeros(3), 1.0, (n, n, n)), corners, values, nobody, blocks, bricks.astype(np.int32))
+    ends, axis, faces = surface_edges(noise)
+    assert len(np.unique(ends[:, 0].astype(np.int64) * 3 + axis)) == len(ends)
+    signs = values.ravel()[ends]
+    assert np.all(signs[:, 0] * signs[:, 1] < 0)
+    row, node = np.divmod(ends, 64)
+    first, last = np.moveaxis(corners[row] + band.LOCAL[node], 1, 0)
+    assert np.array_equal(last - first, np.eye(3, dtype=int)[axis])
+    vertices = first + 0.5 * np.eye(3)[axis]
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent

@@ -14,7 +14,7 @@ import trimesh
 from cndhf_codec.cli.sizes import parse_size
 from cndhf_codec.encoder import kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
-from cndhf_codec.encoder.composite import SUSPECTS, Composite
+from cndhf_codec.encoder.composite import SUSPECTS, Batch, Composite
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
@@ -25,7 +25,6 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.samples import FarSpace, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
 from cndhf_codec.encoder.soap import Soap
-from cndhf_codec.encoder.soap import matrices as matrices_in
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
 from cndhf_codec.encoder.tune import tune
@@ -100,25 +99,31 @@ def test_the_jacobian_is_torch_s():
         np.testing.assert_allclose(jacobian[i], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
-def test_the_compiled_loss_has_the_gradient_of_its_terms(composite):
+@pytest.mark.parametrize("looked", [False, True])
+def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, looked):
     nets = networks(count=2)
-    on, off = composite.draw(1500, 1100, torch.Generator().manual_seed(0))
+    composite = Composite(samples, far, frames, CPU, Team(1))
+    if looked:  # then networks that are not near a sample are left out
+        composite.look(nets)
+        assert composite._near_surface.float().mean() < 0.9
+        assert composite._near_space.float().mean() < 0.9
+    batch = composite.draw_batch(1500, 1100, np.random.default_rng(0))
     theta = nets.theta.clone().requires_grad_()
-    cost = composite.terms(replace(nets, theta=theta), on, off).cost
-    loss = cost[:1500].mean() + cost[1500:].mean()
+    cost = composite.terms(replace(nets, theta=theta), *composite.rows(batch)).cost
+    loss = cost[:1500].mean() + cost[1500:].sum() / 1100
     (expected,) = torch.autograd.grad(loss, theta)
-    got, value = composite.gradient(nets, on, off)
+    got, value = composite.gradient(nets, batch)
     assert value == pytest.approx(loss.item(), rel=1e-5)
     torch.testing.assert_close(got, expected, rtol=1e-3, atol=1e-4 * float(expected.abs().max()))
     assert (got.abs().max(dim=1).values > 0).all()
 
 
 def test_threads_do_not_change_the_gradient(samples, far, frames):
-    on, off = torch.arange(3000), torch.arange(3000)
+    batch = Batch(np.arange(3000), np.arange(3000), 3000)
     results = []
     for threads in (1, 2, 3):
         with Team(threads) as team:
-            results.append(Composite(samples, far, frames, CPU, team).gradient(networks(), on, off))
+            results.append(Composite(samples, far, frames, CPU, team).gradient(networks(), batch))
     assert all(torch.equal(r[0], results[0][0]) and r[1] == results[0][1] for r in results)
 
 
@@ -139,8 +144,9 @@ def test_soap_rotates_and_finds_the_minimum():
     optimiser = Soap(nets)
 
     def loss(theta: torch.Tensor) -> torch.Tensor:
-        errors = [a - b for a, b in zip(matrices_in(theta, nets), matrices_in(target, nets), strict=True)]
-        return sum(((mix @ e if e.shape[-2] == 6 else e) ** 2).sum() for e in errors)
+        of = replace(nets, theta=theta - target)
+        errors = [e for k in range(len(nets)) for e in of.tensors(k) if e.dim() == 2]
+        return sum(((mix @ e if len(e) == 6 else e) ** 2).sum() for e in errors)
 
     start = loss(nets.theta)
     for step in range(400):
@@ -210,7 +216,9 @@ def test_a_floater_is_hunted_down(composite):
     assert composite.strays(nets) > 10_000
     tune(nets, composite, 512, 1, 1e-9, 0, lambda step, loss: None, Deadline())
     assert composite._suspects[0] > 1000
-    _, off = composite.draw(10, 400, torch.Generator().manual_seed(0))
+    _, off = composite.draw(10, 400, np.random.default_rng(0))
+    assert (off >= composite.n_space).sum() == 100
+    _, off = composite.rows(composite.draw_batch(10, 400, np.random.default_rng(0)))
     assert (off >= composite.n_space).sum() == 100
     inverted = nets.copy()
     inverted.theta[:, -2:] = torch.tensor([2.0, -2.0])
@@ -228,7 +236,7 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     assert len(wrong[0]) > 1000
     assert (wrong[1] < 0).all()
     assert len(right[0]) == 0
-    composite.look_for_violations(nets)
+    composite.look(nets)
     assert composite._suspects[int(not cut)] == 0
     rows = composite.n_space + int(cut) * SUSPECTS + torch.arange(min(composite._suspects[int(cut)], SUSPECTS))
     assert len(rows) > 1000
@@ -241,7 +249,7 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     assert len(composite._doubtful(nets, int(cut))[0]) > 1000
 
 
-def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
+def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples, far, frames):
     nets = networks()
     losses: list[float] = []
     held = torch.zeros(nets.theta.shape, dtype=torch.bool)
@@ -249,8 +257,9 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite):
     tune(nets, composite, 512, 200, 3e-3, 0, lambda step, loss: losses.append(loss), Deadline(), held)
     assert losses[-1] < losses[0]
     start = networks()
-    on, off = composite.draw(5000, 5000, torch.Generator().manual_seed(1))
-    assert composite.gradient(nets, on, off)[1] < 0.3 * composite.gradient(start, on, off)[1]
+    fresh = Composite(samples, far, frames, CPU, Team(1))
+    batch = fresh.draw_batch(5000, 5000, np.random.default_rng(1))
+    assert fresh.gradient(nets, batch)[1] < 0.3 * fresh.gradient(start, batch)[1]
     assert torch.equal(nets.theta[held], start.theta[held])
     assert (nets.theta[~held] != start.theta[~held]).float().mean() > 0.99
 
