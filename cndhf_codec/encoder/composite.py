@@ -164,10 +164,13 @@ class Composite:
         known = int((held & ~self._inside & (self._distance > STRAY))[: self.n_space].sum())
         return known + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
 
-    def look(self, networks: Networks) -> None:
-        """Find what matters to some networks: which DHFs are near which samples; the space samples that cost something
-        or soon might; and what is seldom drawn by chance: those on the wrong side of f, and suspects, points of far
-        space where f is about to rise above zero and points nearer to the surface where it is about to be wrong."""
+    def look(self, networks: Networks, reach: float = REACH) -> None:
+        """Find what matters to some networks until f has changed by `reach`.
+
+        That is: which DHFs are near which samples; the space samples that cost something or then might; and what is
+        seldom drawn by chance: those on the wrong side of f, and suspects, points of far space where f is about to
+        rise above zero and points nearer to the surface where it is about to be wrong.
+        """
         floaters = self._floaters(networks, -LOW)[:AT_MOST]
         sides = [self._doubtful(networks, side) for side in range(2)]
         parts = [floaters, *(points for points, _ in sides)]
@@ -185,14 +188,14 @@ class Composite:
 
         slack = self._slacks(networks, self._surface)
         own = slack.masked_fill(~self._seen, FAR).min(dim=1, keepdim=True).values
-        self._near_surface = (slack < REACH) | (self._seen & (slack <= own))
+        self._near_surface = (slack < reach) | (self._seen & (slack <= own))
 
         slack = self._slacks(networks, self._space)
         least = self._least(slack)
-        near = REACH + torch.where(self._inside, self._margin, least)
+        near = reach + torch.where(self._inside, self._margin, least)
         self._near_space = (slack < near[:, None]) & (self._excluded | self._inside[:, None])
         hinge = self._margin + torch.where(self._inside, -least, least)
-        self._set_pool(torch.nonzero(hinge[: self.n_space] > -REACH)[:, 0], hinge)
+        self._set_pool(torch.nonzero(hinge[: self.n_space] > -reach)[:, 0], hinge)
 
     def _set_pool(self, active: torch.Tensor, hinge: torch.Tensor | None = None) -> None:
         """What batches are drawn from: rows of the active space samples, of those of them that are violations (where

@@ -43,6 +43,8 @@ TRIAL_SAMPLES, TRIAL_CELLS, TRIAL_RESOLUTION, TRIAL_POINTS = 100_000, 24, 96, 20
 # then the first attempt at rounding.
 PLAN_SHARE, FIT_SHARE, ALONE_SHARE, FIRST_SHARE = 0.15, 0.65, 0.15, 0.7
 SHRINK = 0.36  # what the whole fit leaves of a trial's error, less that of the exact height fields
+# The best few are tried again, for longer, where they are about as good.
+FINALISTS, CLOSE, LONGER, LONGER_SHRINK = 3, 1.5, 4, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,18 +115,32 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
         return options[-1]
-    report = job.stage("plan", len(options))
-    errors: list[float] = []
+    report = job.stage("plan", len(options) + FINALISTS)
     # Most axes first: their errors then often spare a trial with fewer, whose exact height fields leave more than that.
     options.reverse()
+    errors: list[float] = []
     for k, plan in enumerate(options):
         error = math.inf
         if plan.floor < min(errors, default=math.inf):
-            trial = _trial(job, plan, deadline.part(1 / (len(options) - k)))
-            error = plan.floor + SHRINK * (trial - plan.floor)
+            time_left = deadline.part(1 / (len(options) - k + FINALISTS * LONGER))
+            error = _predicted(plan, _trial(job, plan, settings.trial_steps, time_left), SHRINK)
         errors.append(error)
         report(k + 1, min(errors))
-    return options[int(np.argmin(errors))]
+    order = np.argsort(errors, kind="stable")[:FINALISTS]
+    finalists = [options[k] for k in order if errors[k] < CLOSE * errors[order[0]]] or [options[order[0]]]
+    if len(finalists) == 1:
+        return finalists[0]
+    errors = []
+    for k, plan in enumerate(finalists):
+        trial = _trial(job, plan, settings.trial_steps * LONGER, deadline.part(1 / (len(finalists) - k)))
+        errors.append(_predicted(plan, trial, LONGER_SHRINK))
+        report(len(options) + k + 1, min(errors))
+    return finalists[int(np.argmin(errors))]
+
+
+def _predicted(plan: Plan, trial: float, shrink: float) -> float:
+    """Error of a whole fit, from a trial's: what the exact height fields leave stays, and a share of the rest."""
+    return plan.floor + shrink * (trial - plan.floor)
 
 
 def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
@@ -196,12 +212,11 @@ def round_to_size(
     return best
 
 
-def _trial(job: Job, plan: Plan, deadline: Deadline) -> float:
+def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> float:
     """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing."""
-    steps = job.settings.trial_steps
     short = replace(
         job.settings,
-        steps=steps // 3,
+        steps=job.settings.trial_steps // 3,
         tune_steps=steps,
         samples=TRIAL_SAMPLES,
         far_cells=TRIAL_CELLS,

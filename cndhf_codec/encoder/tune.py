@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ..errors import EncodeError
-from .composite import Composite
+from .composite import FAR, Composite
 from .deadline import Deadline
 from .fit import cosine_schedule
 from .progress import OnStep
@@ -17,7 +17,8 @@ from .soap import Soap
 
 WARM_UP = 50  # steps of rising learning rate
 SURFACE = 0.5  # share of a batch drawn on the surface
-LOOK_EVERY = 1000  # steps between searches for violations
+LOOK_EVERY = 1500  # steps between looks at what matters to the loss
+EARLY = 700  # steps in which the networks change much, and everything is taken to matter
 REPORT_EVERY = 100  # steps
 
 
@@ -45,7 +46,9 @@ def tune(
         done = max((step - 1) / steps, deadline.passed())
         if done >= 1:
             break
-        if (step - 1) % LOOK_EVERY == 0:
+        if step == 1:
+            composite.look(networks, FAR)
+        elif step % LOOK_EVERY == EARLY:
             composite.look(networks)
         drawn = composite.draw_batch(n_surface, batch - n_surface, rng)
         gradient, loss = composite.gradient(networks, drawn)
