@@ -164,7 +164,7 @@ class Composite:
         known = int((held & ~self._inside & (self._distance > STRAY))[: self.n_space].sum())
         return known + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
 
-    def look(self, networks: Networks, reach: float = REACH) -> None:
+    def look(self, networks: Networks, reach: float) -> None:
         """Find what matters to some networks until f has changed by `reach`.
 
         That is: which DHFs are near which samples; the space samples that cost something or then might; and what is

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ..errors import EncodeError
-from .composite import FAR, Composite
+from .composite import FAR, REACH, Composite
 from .deadline import Deadline
 from .fit import cosine_schedule
 from .progress import OnStep
@@ -18,7 +18,7 @@ from .soap import Soap
 WARM_UP = 50  # steps of rising learning rate
 SURFACE = 0.5  # share of a batch drawn on the surface
 LOOK_EVERY = 1500  # steps between looks at what matters to the loss
-EARLY = 700  # steps in which the networks change much, and everything is taken to matter
+EARLY = 700  # steps in which new networks change much, and everything is taken to matter
 REPORT_EVERY = 100  # steps
 
 
@@ -47,9 +47,9 @@ def tune(
         if done >= 1:
             break
         if step == 1:
-            composite.look(networks, FAR)
+            composite.look(networks, FAR if held is None else REACH)
         elif step % LOOK_EVERY == EARLY:
-            composite.look(networks)
+            composite.look(networks, REACH)
         drawn = composite.draw_batch(n_surface, batch - n_surface, rng)
         gradient, loss = composite.gradient(networks, drawn)
         if held is not None:

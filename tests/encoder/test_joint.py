@@ -12,9 +12,9 @@ import torch
 import trimesh
 
 from cndhf_codec.cli.sizes import parse_size
-from cndhf_codec.encoder import kernel, rounding, settings
+from cndhf_codec.encoder import joint, kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
-from cndhf_codec.encoder.composite import SUSPECTS, Batch, Composite
+from cndhf_codec.encoder.composite import REACH, SUSPECTS, Batch, Composite, _runs
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
@@ -104,7 +104,7 @@ def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, l
     nets = networks(count=2)
     composite = Composite(samples, far, frames, CPU, Team(1))
     if looked:  # then networks that are not near a sample are left out
-        composite.look(nets)
+        composite.look(nets, REACH)
         assert composite._near_surface.float().mean() < 0.9
         assert composite._near_space.float().mean() < 0.9
     batch = composite.draw_batch(1500, 1100, np.random.default_rng(0))
@@ -116,6 +116,31 @@ def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, l
     assert value == pytest.approx(loss.item(), rel=1e-5)
     torch.testing.assert_close(got, expected, rtol=1e-3, atol=1e-4 * float(expected.abs().max()))
     assert (got.abs().max(dim=1).values > 0).all()
+
+
+def test_what_is_left_out_costs_nothing(samples, far, frames, monkeypatch):
+    monkeypatch.setattr(Composite, "_shares", lambda self, n: [])  # violations are drawn more often on purpose
+    nets = networks(count=2)
+    losses = []
+    for reach in (1e3, REACH):
+        composite = Composite(samples, far, frames, CPU, Team(1))
+        composite.look(nets, reach)
+        rng = np.random.default_rng(0)
+        batches = [composite.draw_batch(2000, 2000, rng) for _ in range(60)]
+        losses.append(np.mean([composite.gradient(nets, batch)[1] for batch in batches]))
+    assert composite._active < 0.9 * composite.n_space
+    assert losses[1] == pytest.approx(losses[0], rel=0.03)
+
+
+def test_runs_are_uniform():
+    rng = np.random.default_rng(0)
+    for first, last in ((5, 6), (0, 40), (100, 500)):
+        at = np.concatenate([_runs(first, last, 1000, rng) for _ in range(200)])
+        assert len(at) == 200_000
+        counts = np.bincount(at, minlength=last)
+        assert counts[:first].sum() == 0
+        assert counts[first:].min() > 0.5 * counts[first:].max()
+    assert len(_runs(7, 7, 10, rng)) == 0
 
 
 def test_threads_do_not_change_the_gradient(samples, far, frames):
@@ -236,7 +261,7 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     assert len(wrong[0]) > 1000
     assert (wrong[1] < 0).all()
     assert len(right[0]) == 0
-    composite.look(nets)
+    composite.look(nets, REACH)
     assert composite._suspects[int(not cut)] == 0
     rows = composite.n_space + int(cut) * SUSPECTS + torch.arange(min(composite._suspects[int(cut)], SUSPECTS))
     assert len(rows) > 1000
@@ -344,6 +369,25 @@ def test_axes_are_chosen_by_what_they_leave(solid):
     assert all(costs.mean_cost(free) <= costs.mean_cost(o) for o in others)
     assert costs.visible == pytest.approx(1, abs=0.01)
     assert sum(costs.shares(costs.best(3))) == pytest.approx(1)
+
+
+def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch):
+    short: list[joint.Plan] = []
+    long: list[joint.Plan] = []
+
+    def trial(job, plan, steps, deadline):
+        tried, errors = (short, (0.2, 0.1)) if steps == SMALL.trial_steps else (long, (0.09, 0.05))
+        tried.append(plan)
+        # The first set looks bad at once, and the better of those tried for longer is the second.
+        return plan.floor + errors[min(len(tried) - 1, 1)]
+
+    monkeypatch.setattr(joint, "_trial", trial)
+    silent = lambda name, total: lambda done, loss: None  # noqa: E731
+    job = joint.Job(solid, replace(SMALL, target_size=4096), 30, 0, CPU, Team(1), silent)
+    plan = joint.make_plan(job, Deadline())
+    assert len(short) > len(long) == joint.FINALISTS
+    assert all(p is not short[0] for p in long)
+    assert plan is long[1]
 
 
 def test_the_width_follows_from_the_size():

@@ -58,5 +58,5 @@ def test_out_of_range(arguments, message):
 
 def test_small_networks_take_more_steps():
     steps = [settings_for("default", target_size=n).for_small_networks().tune_steps for n in (16384, 8192, 2048, 400)]
-    assert steps == [30_000, 30_000, 60_000, 90_000]
-    assert settings_for("default", width=9).for_small_networks().tune_steps == 30_000
+    assert steps == [40_000, 40_000, 80_000, 120_000]
+    assert settings_for("default", width=9).for_small_networks().tune_steps == 40_000
