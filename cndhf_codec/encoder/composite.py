@@ -33,7 +33,7 @@ LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look aroun
 SUSPECT = 0.005  # what is found near the surface becomes a sample when f has the wrong sign, or is as close to zero
 AT_MOST = 4000  # points of a kind that a search asks the truth about
 SUSPECTS = 10_000  # of them that are kept of each side, the latest
-REACH = 0.05  # how much f must change before a network that is left out of a sample has a say in what it costs
+REACH = 0.1  # how much f must change before a network that is left out of a sample has a say in what it costs
 RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
@@ -159,10 +159,15 @@ class Composite:
         return parts + [(int(ends[1 + s]), int(ends[2 + s]), n) for s, n in zip(sides, counts, strict=True)]
 
     def strays(self, networks: Networks) -> int:
-        """How many points far outside the solid are inside the networks' one: floaters."""
-        held = self._least(self._slacks(networks, self._space)) > 0
-        known = int((held & ~self._inside & (self._distance > STRAY))[: self.n_space].sum())
-        return known + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
+        """How many points are wrongly inside the networks' solid, far outside the truth, or wrongly outside, deep in
+        it: of floaters and of slits."""
+        least = self._least(self._slacks(networks, self._space))[: self.n_space]
+        inside, distance = self._inside[: self.n_space], self._distance[: self.n_space]
+        known = (least > 0) & ~inside & (distance > STRAY) | (least < 0) & inside & (distance > CLEAR)
+        points, f = self._doubtful(networks, 1)
+        excluded, distance_of = self._far.truth(points[f < 0])
+        slits = ~excluded.any(axis=1) & (distance_of > CLEAR)
+        return int(known.sum()) + int(slits.sum()) + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
 
     def look(self, networks: Networks, reach: float) -> None:
         """Find what matters to some networks until f has changed by `reach`.

@@ -197,7 +197,7 @@ def round_to_size(
         records = _records(rounded, codes, plan.frames)
         size = _coded_size(records)
         strays = composite.strays(rounded)
-        # A floater that rounding has made goes away with other samples, as a rule.
+        # A floater or a slit that rounding has made goes away with other samples, as a rule.
         if (room is None or size <= room) and strays < fewest:
             fewest, best = strays, records
             enough = room is None or size + fixed >= WITHIN * (room + fixed)
