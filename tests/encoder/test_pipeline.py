@@ -18,7 +18,7 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.verify import surface_distances
 from cndhf_codec.errors import InputError, MeshError, OptionError
 
-# A fiftieth of the work of the default preset, and good to about a hundredth of the size.
+# A twentieth of the work of the default preset, and good to about a hundredth of the size.
 SMALL = replace(
     settings.PRESETS["fast"],
     max_axes=2,
@@ -29,10 +29,10 @@ SMALL = replace(
     verify_resolution=96,
     target_size=None,
     bits=7.0,
-    samples=40_000,
-    tune_steps=4000,
+    samples=100_000,
+    tune_steps=6000,
     rounds=2,
-    round_steps=100,
+    round_steps=300,
 )
 
 
