@@ -30,9 +30,11 @@ LOOK_AT_ONCE = 2**15
 HUNT = 2**19  # points of far space that a search for floaters looks at
 HUNT_NEAR = 2**17  # points nearer to the surface, on each side, that a search for specks and slits looks at
 LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
-SUSPECT = 0.005  # what is found near the surface becomes a sample when f has the wrong sign, or is as close to zero
+# What is found near the surface becomes a sample when f has the wrong sign, or is as close to zero: outside, inside.
+# Inside they are few, and rounding cuts slits where none of them holds it.
+SUSPECT = (0.005, LOW)
 AT_MOST = 4000  # points of a kind that a search asks the truth about
-SUSPECTS = 10_000  # of them that are kept of each side, the latest
+SUSPECTS = 20_000  # of them that are kept of each side, the latest
 REACH = 0.1  # how much f must change before a network that is left out of a sample has a say in what it costs
 RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
@@ -188,7 +190,7 @@ class Composite:
         for side, (points, excluded, distance) in enumerate(truth[1:]):
             found = (excluded.any(axis=1) == (side == 0)) & (distance > CLEAR)
             self._known[side] = np.concatenate([self._known[side], points[found]])[-KNOWN:]
-            found &= sides[side][1] < SUSPECT
+            found &= sides[side][1] < SUSPECT[side]
             self._add_suspects(side, points[found], excluded[found], distance[found])
 
         slack = self._slacks(networks, self._surface)
@@ -263,19 +265,19 @@ class Composite:
             near = known[self._hunter.integers(len(known), size=HUNT_NEAR // 4)]
             points = torch.cat([points, self._put(near + self._hunter.normal(size=near.shape) * AROUND)])
 
-        def look(at: int) -> tuple[torch.Tensor, torch.Tensor]:
+        def look(at: int) -> torch.Tensor:
             part = points[at : at + LOOK_AT_ONCE]
             least = torch.full((len(part),), FAR, device=self.device)
             for k in range(len(networks)):
                 least = torch.minimum(least, self._slack(networks, k, part))
-            f = least if side else -least
-            return part[f < LOW], f[f < LOW]
+            return least if side else -least
 
         with torch.no_grad():
-            parts = zip(*self._team.map(look, range(0, len(points), LOOK_AT_ONCE)), strict=True)
-        # The last are those around what was known.
-        found, f = (torch.cat(part)[-AT_MOST:].cpu().numpy() for part in parts)
-        return found, f
+            f = torch.cat(self._team.map(look, range(0, len(points), LOOK_AT_ONCE)))
+        # Around what was known there are many, most of them too near to the surface: the others must not be cut off.
+        fresh, around = (torch.nonzero(part < LOW)[: AT_MOST // 2, 0] for part in (f[:HUNT_NEAR], f[HUNT_NEAR:]))
+        found = torch.cat([HUNT_NEAR + around, fresh])
+        return points[found].cpu().numpy(), f[found].cpu().numpy()
 
     def _floaters(self, networks: Networks, level: float) -> np.ndarray:
         """(N, 3) points of far space where f is above a level."""
