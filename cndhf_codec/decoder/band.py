@@ -21,7 +21,7 @@ I32 = npt.NDArray[np.int32]
 
 BLOCK, BRICK = 16, 4  # nodes along a side
 CHILDREN = BLOCK // BRICK
-NOBODY = 255
+NOBODY = 255  # in `Band.holders`; a file has at most 64 DHFs
 OUTSIDE, INSIDE = 0, 1  # rows of values that stand for all bricks without surface
 
 # Field values, in spacings, are kept between these magnitudes. The lower one keeps a surface vertex from

@@ -227,10 +227,8 @@ class Composite:
         def look(at: int) -> torch.Tensor:
             parts = []
             for k in range(len(networks)):
-                x = points[k, at : at + LOOK_AT_ONCE]
-                uv = torch.minimum(torch.maximum(x[:, :2], self._boxes[k, :2, 0]), self._boxes[k, :2, 1])
-                y = heights(networks, k, uv)
-                parts.append(torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]))
+                _, above, below = self._distances(networks, k, points[k, at : at + LOOK_AT_ONCE])
+                parts.append(torch.minimum(above, below))
             return torch.stack(parts, dim=1)
 
         with torch.no_grad():
@@ -329,9 +327,7 @@ class Composite:
         slack, sides, uvs = [], [], []
         for k in range(len(networks)):
             x = torch.cat([self._surface[k][surface], self._space[k][space]])
-            uv = torch.minimum(torch.maximum(x[:, :2], self._boxes[k, :2, 0]), self._boxes[k, :2, 1])
-            y = heights(networks, k, uv)
-            above, below = y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]
+            uv, above, below = self._distances(networks, k, x)
             slack.append(torch.minimum(above, below))
             sides.append(above < below)
             uvs.append(uv)
@@ -357,6 +353,14 @@ class Composite:
             side=side.gather(1, dhf[:, None])[:, 0].long(),
             uv=uvs,
         )
+
+    def _distances(
+        self, networks: Networks, k: int, x: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Of points (N, 3) in DHF k's frame: where its network is asked, (N, 2), and far - z and z - near, (N,)."""
+        uv = torch.minimum(torch.maximum(x[:, :2], self._boxes[k, :2, 0]), self._boxes[k, :2, 1])
+        y = heights(networks, k, uv)
+        return uv, y[:, 1] - x[:, 2], x[:, 2] - y[:, 0]
 
     def _in_frames(self, points: np.ndarray) -> torch.Tensor:
         """(K, N, 3): points (N, 3) in the frame of every DHF, on the side of its mirrors that the network describes."""
