@@ -12,7 +12,7 @@ import numpy as np
 import pymeshlab
 import zstandard
 
-FACES = [int(80 * 1.5**k) for k in range(14)]  # 80 to 15,500
+FACES = [int(80 * 1.5**k) for k in range(14)]  # 80 to 15,500; a mesh with no more than the last is also coded whole
 QUANTISATION_BITS = (10, 11, 12)
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -21,10 +21,10 @@ Point = tuple[str, int, Mesh, float, float]  # peer and its options, bytes, deco
 
 def draco(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
     """Quadric decimation by two libraries, then Draco at level 10."""
-    for count in FACES:
-        if count >= len(faces):
-            break
-        for name, decimate in (("fast-simplification", _fast_simplification), ("pymeshlab", _pymeshlab)):
+    for count in _counts(faces):
+        whole = ("whole", lambda v, f, _: (v.astype(np.float32), f))
+        decimations = (("fast-simplification", _fast_simplification), ("pymeshlab", _pymeshlab))
+        for name, decimate in (whole,) if count == len(faces) else decimations:
             start = time.perf_counter()
             v, f = decimate(vertices, faces, count)
             simplified = time.perf_counter() - start
@@ -45,9 +45,7 @@ def meshopt(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
     v32 = np.ascontiguousarray(vertices, dtype=np.float32)
     indices = np.ascontiguousarray(faces.ravel(), dtype=np.uint32)
     lo, extent = v32.min(axis=0), float(np.ptp(v32, axis=0).max())
-    for count in FACES:
-        if count >= len(faces):
-            break
+    for count in _counts(faces):
         start = time.perf_counter()
         kept = np.empty_like(indices)
         n = meshoptimizer.simplify(kept, indices, v32, target_index_count=3 * count, target_error=1.0)
@@ -78,6 +76,11 @@ def meshopt(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
                 (simplified + took),
                 0.0,
             )
+
+
+def _counts(faces: np.ndarray) -> list[int]:
+    counts = [count for count in FACES if count < len(faces)]
+    return [*counts, len(faces)] if len(faces) <= FACES[-1] else counts
 
 
 def _fast_simplification(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
