@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from .dhf import Dhf
 from .network import F32
-from .parallel import over_rows
+from .parallel import over_rows, product
 from .table import HeightBounds, HeightTable
 
 I32 = npt.NDArray[np.int32]
@@ -27,7 +27,7 @@ OUTSIDE, INSIDE = 0, 1  # rows of values that stand for all bricks without surfa
 # Field values, in spacings, are kept between these magnitudes. The lower one keeps a surface vertex from
 # falling on a grid node, the upper one lets a DHF be left out where it is not near its surface.
 LEAST, MOST = 0.01, 4.0
-BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**14, 2**9
+BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**16, 2**11
 
 # The nodes of a brick, (64, 3), last index fastest.
 LOCAL = np.indices((BRICK,) * 3, dtype=np.int32).reshape(3, -1).T
@@ -59,8 +59,8 @@ class Band:
     _bricks: I32  # (m + 2, 64): row of `values` for a brick of a block
 
     def rows(self, corners: I32) -> I32:
-        """Rows of `values` for the bricks whose first nodes are `corners` (..., 3), 0 <= corner <= shape + 16."""
-        x, y, z = (corners[..., k] // BRICK for k in range(3))
+        """Rows of `values` for the bricks whose first nodes are `corners` (3, ...), 0 <= corner <= shape + 16."""
+        x, y, z = corners // BRICK
         bx, by, bz = x // CHILDREN, y // CHILDREN, z // CHILDREN
         child = ((x - CHILDREN * bx) * CHILDREN + y - CHILDREN * by) * CHILDREN + z - CHILDREN * bz
         return self._bricks[self._blocks[bx, by, bz], child]
@@ -72,7 +72,7 @@ class Band:
         for i in range(len(out)):
             corners = np.indices((1, *out.shape[1:3]), dtype=np.int32)[:, 0]
             corners[0] = i
-            out[i] = (self.values[self.rows(np.moveaxis(corners, 0, -1) * BRICK)] >= 0).reshape(out.shape[1:])
+            out[i] = (self.values[self.rows(corners * BRICK)] >= 0).reshape(out.shape[1:])
         joined = out.transpose(0, 3, 1, 4, 2, 5).reshape([BRICK * n for n in out.shape[:3]])
         return joined[:nx, :ny, :nz]
 
@@ -113,7 +113,13 @@ def _sift(
     # none is one that no such edge touches.
     half = (side + 1) / 2 * grid.spacing
     centres = grid.origin + grid.spacing * (corners + (side - 1) / 2)
-    bounds = [HeightBounds(t, 2 * half * np.abs(d.rotation[:2]).sum(axis=1)) for d, t in zip(dhfs, tables, strict=True)]
+    bounds: dict[int, HeightBounds] = {}
+
+    def bound(first: int, last: int) -> None:
+        for k in range(first, last):
+            bounds[k] = HeightBounds(tables[k], 2 * half * np.abs(dhfs[k].rotation[:2]).sum(axis=1))
+
+    over_rows(bound, len(dhfs), 1)
     least = np.empty((len(dhfs), len(corners)), dtype=bool)
     lower, upper = (np.full(len(corners), np.inf, dtype=np.float32) for _ in range(2))
 
@@ -137,17 +143,15 @@ def _sift(
 def dhf_bounds(dhf: Dhf, bounds: HeightBounds, centres: npt.NDArray[np.float64], half: float) -> tuple[F32, F32]:
     """Lower and upper bounds of a DHF's f, from its table, in cubes of the grid's orientation (N,), (N,)."""
     # 1e-5: what float32 may be off by, here and at the nodes.
-    reach = (half * np.abs(dhf.rotation).sum(axis=1) + 1e-5).astype(np.float32)
-    uvz = (centres @ dhf.rotation.T).astype(np.float32)
+    reach = (half * np.abs(dhf.rotation).sum(axis=1) + 1e-5).astype(np.float32)[:, None]
+    uvz = product(dhf.rotation, centres.T).astype(np.float32)
     lo, hi = uvz - reach, uvz + reach
-    heights = bounds(lo[:, 0], lo[:, 1])
-    lower = np.minimum(heights[:, 1] - hi[:, 2], lo[:, 2] - heights[:, 2])
-    upper = np.minimum(heights[:, 3] - lo[:, 2], hi[:, 2] - heights[:, 0])
-    for k in range(3):
-        near, far = dhf.bounds[k]
-        for out, a, b in ((lower, lo[:, k], hi[:, k]), (upper, hi[:, k], lo[:, k])):
-            np.minimum(out, a - near, out=out)
-            np.minimum(out, far - b, out=out)
+    heights = bounds(lo[0], lo[1])
+    lower = np.minimum(heights[:, 1] - hi[2], lo[2] - heights[:, 2])
+    upper = np.minimum(heights[:, 3] - lo[2], hi[2] - heights[:, 0])
+    for a, b, (near, far) in zip(lo, hi, dhf.bounds, strict=True):
+        np.minimum(lower, np.minimum(a - near, far - b), out=lower)
+        np.minimum(upper, np.minimum(b - near, far - a), out=upper)
     return lower, upper
 
 
@@ -166,8 +170,8 @@ def _lower(
 
     def work(first: int, last: int) -> None:
         part = rows[first:last]
-        base = ((grid.origin + grid.spacing * corners[part]) @ dhf.rotation.T).astype(np.float32)
-        u, v, z = ((base[:, k, None] + offsets[:, k]).ravel() for k in range(3))
+        base = product(dhf.rotation, (grid.origin + grid.spacing * corners[part]).T).astype(np.float32)
+        u, v, z = ((base[k, :, None] + offsets[:, k]).ravel() for k in range(3))
         near, far = table(u, v)
         f = dhf.least(u, v, z, near, far)
         f /= np.float32(grid.spacing)

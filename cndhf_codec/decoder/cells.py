@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from .dhf import Dhf
 from .network import F32
+from .parallel import product
 
 CELLS = 128  # along the longest side of the solid
 BLOCK = 4  # cells along the edge of a block, the coarse level
@@ -152,7 +153,7 @@ class PatchBounds:
     ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Which cubes, of half-edge `half` and with centres (3, N) in the normalised frame, are surely outside,
         and which surely inside."""
-        uvz = self._rotation @ centres
+        uvz = product(self._rotation, centres)
         reach = half * np.abs(self._rotation).sum(axis=1)
         patch = [np.clip(((uvz[k] - self.lo[k]) / self.size[k]).astype(int), 0, self.shape[k] - 1) for k in range(2)]
         window = np.ceil(reach[:2] / self.size).astype(int)

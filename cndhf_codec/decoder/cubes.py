@@ -26,7 +26,7 @@ CORNERS = tuple(product((0, 1), repeat=3))
 STRIDES = (4, 2, 1)
 EDGES = tuple((c, axis) for c in range(8) for axis in range(3) if not CORNERS[c][axis])
 Triangle = tuple[int, int, int]
-CELLS_AT_ONCE = 2**13
+CELLS_AT_ONCE = 2**15
 
 # A brick's nodes and those just above it, (125, 3): whose brick each is (by corner), and its number in it.
 PADDED = np.indices((BRICK + 1,) * 3).reshape(3, -1).T
@@ -46,23 +46,24 @@ def surface_edges(band: Band) -> tuple[I32, I32, I64]:
     """
     row = np.arange(INSIDE + 1, len(band.values))
     # The bricks at a brick's eight corners (0, 0, 0), (0, 0, 1), ...: those that hold the nodes just above it.
-    beside = band.rows(band.corners[row, None] + np.array(CORNERS, dtype=np.int32) * BRICK)
+    # Bricks last: numpy is fast along long last dimensions.
+    steps = np.array(CORNERS, dtype=np.int32).T * BRICK
+    beside = band.rows(np.ascontiguousarray(band.corners[row].T)[:, None] + steps[..., None])
     own = band.values >= 0
     # 0 all outside, 1 all inside, 2 both: only a brick that has both, with those beside it, can have a crossing.
     kind = np.where(own.all(axis=1), 1, np.where(own.any(axis=1), 2, 0)).astype(np.int8)[beside]
-    both = (kind.max(axis=1) == 2) | (kind.min(axis=1) != kind.max(axis=1))
-    row, beside = row[both], beside[both]
+    both = np.flatnonzero((kind.max(axis=0) == 2) | (kind.min(axis=0) != kind.max(axis=0)))
+    row, beside = row[both], beside.take(both, axis=1)
     place = np.zeros(len(band.values), dtype=np.int32)  # of a row in `row`
     place[row] = np.arange(len(row))
 
-    # Bricks last: numpy is fast along long last dimensions.
     n = len(row)
     inside = np.empty(((BRICK + 1,) * 3 + (n,)), dtype=bool)
     own = np.ascontiguousarray(own.T).reshape(BRICK, BRICK, BRICK, -1)
     for k, corner in enumerate(CORNERS):
         to = tuple(slice(BRICK, None) if c else slice(0, BRICK) for c in corner)
         of = tuple(slice(0, 1) if c else slice(None) for c in corner)
-        inside[to] = own[of].take(beside[:, k], axis=-1)
+        inside[to] = own[of].take(beside[k], axis=-1)
     crossed = np.empty((*(BRICK,) * 3, 3, n), dtype=bool)
     here = inside[:BRICK, :BRICK, :BRICK]
     case = np.zeros(here.shape, dtype=np.uint8)
@@ -90,13 +91,13 @@ def surface_edges(band: Band) -> tuple[I32, I32, I64]:
         these = np.arange(first_face[first], first_face[last])
         node, home = np.divmod(at[first:last], n)
         row_of = np.repeat(node * len(whose[0]) + triangle[first:last], count) + these
-        brick_of = owner.take(np.repeat(8 * home, count)[:, None] + whose.reshape(-1, 3).take(row_of, axis=0))
+        brick_of = owner.take(np.repeat(home, count)[:, None] + n * whose.reshape(-1, 3).take(row_of, axis=0))
         faces[these[0] : these[-1] + 1] = number.take(slot.reshape(-1, 3).take(row_of, axis=0) * n + brick_of)
 
     def find_ends(first: int, last: int) -> None:
         far = FAR_END[edge[first:last]]
         ends[first:last, 0] = row[brick[first:last]] * len(LOCAL) + edge[first:last] // 3
-        ends[first:last, 1] = beside[brick[first:last], WHOSE[far]] * len(LOCAL) + NUMBER[far]
+        ends[first:last, 1] = beside[WHOSE[far], brick[first:last]] * len(LOCAL) + NUMBER[far]
 
     over_rows(find_faces, len(at), CELLS_AT_ONCE)
     over_rows(find_ends, len(edge), CELLS_AT_ONCE)

@@ -9,6 +9,7 @@ import numpy as np
 from ..format import DhfRecord
 from ..format.container import fold
 from .network import F32, Network
+from .parallel import product
 
 Heights = Callable[[F32, F32], tuple[F32, F32]]  # u, v (N,) -> near, far (N,)
 
@@ -43,8 +44,8 @@ class Dhf:
         min(far - z, z - near) and the distances to the six planes of the domain box, whichever is least.
         `heights` stands in for the exact network where a table will do.
         """
-        u, v, z = self.rotation @ points.T
-        near, far = heights(u, v) if heights else self.heights(np.column_stack([u, v])).T
+        u, v, z = product(self.rotation, points.T)
+        near, far = heights(u, v) if heights else self.heights(np.stack([u, v]).T).T
         return self.least(u, v, z, near, far)
 
     def least(self, u: F32, v: F32, z: F32, near: F32, far: F32) -> F32:
@@ -60,7 +61,7 @@ class Dhf:
 
         Where two terms of the least are equal, the gradient is that of one of them.
         """
-        uvz = (self.rotation @ points.T).T
+        uvz = product(self.rotation, points.T).T
         lo, hi = self.bounds[:2, 0], self.bounds[:2, 1]
         heights, slopes = self.network.gradient(self._described(uvz[:, :2]))
         for k, middle in enumerate(self.mirrors):
@@ -77,7 +78,7 @@ class Dhf:
         for term, k in ((FAR, 1), (NEAR, 0)):
             rows = np.flatnonzero(least == term)
             gradient[rows, :2] = slopes[rows, k] if term == FAR else -slopes[rows, k]
-        return terms[least, np.arange(len(points))], gradient @ self.rotation
+        return terms[least, np.arange(len(points))], product(self.rotation.T, gradient.T).T
 
 
 def implicit(dhfs: Sequence[Dhf], points: F32) -> F32:

@@ -5,6 +5,13 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+# BLAS shares products of more multiplications than this out among threads of its own, which get in the way of ours.
+PRODUCT = 2**18
 
 _this_thread = threading.local()  # `.works`: it is one of those at work on ranges
 
@@ -47,6 +54,16 @@ def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
         thread.join()
     if errors:
         raise errors[0]
+
+
+def product(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """a @ b for a (M, K) and b (K, N) with many columns, in this thread alone."""
+    out = np.empty((len(a), b.shape[1]), dtype=np.result_type(a, b))
+    columns = PRODUCT // a.size
+    for first in range(0, b.shape[1], columns):
+        part = slice(first, first + columns)
+        np.matmul(a, b[:, part], out=out[:, part])
+    return out
 
 
 def processors() -> int:

@@ -21,7 +21,7 @@ CLOSEST = 1e-3  # no vertex comes closer to a node than this (spacings)
 CLOSE_ENOUGH = 0.05  # a vertex with |f| below this (spacings) takes one last step
 REFINEMENTS = 5  # steps of root finding along a vertex's edge, at most
 NEWTON_STEPS = 2  # for vertices without a crossing on their edge
-REFINED_AT_ONCE = 2**15
+REFINED_AT_ONCE = 2**17
 
 
 def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTable]]:
@@ -107,32 +107,37 @@ def _crossings(
 
     def work(first: int, last: int) -> None:
         row, node = np.divmod(ends[first:last, 0], len(LOCAL))
-        nodes = grid.origin + grid.spacing * (band.corners[row] + LOCAL[node])
-        origin = nodes.astype(np.float32)
-        step = np.zeros_like(origin)
-        step[np.arange(len(step)), axis[first:last]] = grid.spacing
+        nodes = np.empty((3, last - first))
+        for k, x in enumerate(nodes):
+            np.multiply(band.corners[:, k].take(row) + LOCAL[:, k].take(node), grid.spacing, out=x)
+            x += grid.origin[k]
+        origin, along = nodes.astype(np.float32), axis[first:last]
         fa, fb = band.values.ravel().take(ends[first:last].T)
         holders = band.holders.ravel().take(ends[first:last].T)
         a, b = np.zeros_like(fa), np.ones_like(fa)
         t = fa / (fa - fb)
         left = np.arange(len(t))  # those not close enough yet; what follows is theirs
         again_a, again_b = np.zeros_like(left, dtype=bool), np.zeros_like(left, dtype=bool)  # this end stays once more
-        for _ in range(REFINEMENTS):
-            ft = _exact(grid, dhfs, holders[:, left], origin[left] + t[left, None] * step[left])
+        for attempt in range(REFINEMENTS):
+            points = origin.copy() if attempt == 0 else origin.take(left, axis=1)
+            now = t.take(left)
+            points[along.take(left), np.arange(len(left))] += now * np.float32(grid.spacing)
+            ft = _exact(grid, dhfs, holders if attempt == 0 else holders.take(left, axis=1), points)
             above = (ft > 0) == (fa > 0)  # the crossing lies between t and b
             fa, fb = np.where(above, ft, fa * (1 - again_a / 2)), np.where(above, fb * (1 - again_b / 2), ft)
-            a, b = np.where(above, t[left], a), np.where(above, b, t[left])
+            a, b = np.where(above, now, a), np.where(above, b, now)
             with np.errstate(invalid="ignore"):
                 new = (a * fb - b * fa) / (fb - fa)
             # Both are zero where the table and the network disagree about a node next to zero.
-            t[left] = np.where(np.isfinite(new), new, t[left])
-            keep = np.abs(ft) > CLOSE_ENOUGH
-            if not keep.any():
-                left = left[:0]
+            t[left] = np.where(np.isfinite(new), new, now)
+            keep = np.flatnonzero(np.abs(ft) > CLOSE_ENOUGH)
+            left = left.take(keep)
+            if not len(left):
                 break
-            left, fa, fb, a, b, again_a, again_b = (x[keep] for x in (left, fa, fb, a, b, ~above, above))
+            fa, fb, a, b, again_a, again_b = (x.take(keep) for x in (fa, fb, a, b, ~above, above))
         found[first + left] = False
-        out[first:last] = nodes + np.clip(t, CLOSEST, 1 - CLOSEST)[:, None] * step
+        nodes[along, np.arange(len(t))] += np.clip(t, CLOSEST, 1 - CLOSEST) * grid.spacing
+        out[first:last] = nodes.T
 
     over_rows(work, len(ends), REFINED_AT_ONCE)
     return out, found
@@ -157,12 +162,13 @@ def _settled(dhfs: Sequence[Dhf], points: F32, spacing: float) -> F32:
 
 
 def _exact(grid: Grid, dhfs: Sequence[Dhf], holders: npt.NDArray[np.uint8], points: F32) -> F32:
-    """f in spacings at points (N, 3) of edges, from the networks of the DHFs that hold their ends, (2, N)."""
-    f = np.full(len(points), np.inf, dtype=np.float32)
+    """f in spacings at points (3, N) of edges, from the networks of the DHFs that hold their ends, (2, N)."""
+    f = np.full(points.shape[1], np.inf, dtype=np.float32)
     for k, dhf in enumerate(dhfs):
-        rows = np.flatnonzero((holders == k).any(axis=0))
-        f[rows] = np.minimum(f[rows], dhf.implicit(points[rows]))
-    return f / np.float32(grid.spacing)
+        rows = np.flatnonzero((holders[0] == k) | (holders[1] == k))
+        f[rows] = np.minimum(f.take(rows), dhf.implicit(points.take(rows, axis=1).T))
+    f /= np.float32(grid.spacing)
+    return f
 
 
 def _solid_bounds(

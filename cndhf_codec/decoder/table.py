@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from .dhf import Dhf
 from .network import F32
+from .parallel import product
 
 Extremum = Callable[[F32, F32], F32]  # np.minimum or np.maximum
 
@@ -66,7 +67,7 @@ class HeightTable:
         lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
         for heights in values.reshape(2, -1):
             uvz[2] = np.clip(heights[at], *dhf.bounds[2])
-            points = dhf.rotation.T @ uvz
+            points = product(dhf.rotation.T, uvz)
             lo = np.minimum(lo, points.min(axis=1, initial=np.inf))
             hi = np.maximum(hi, points.max(axis=1, initial=-np.inf))
         return lo, hi

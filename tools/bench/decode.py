@@ -92,7 +92,7 @@ def network(path: Path, original: Path | None) -> Row:
 
     net = cndhf_codec.load(path)._dhfs[0].network
     uv = np.random.default_rng(0).uniform(-0.5, 0.5, (2**18, 2)).astype(np.float32)
-    layers = [(torch.tensor(W.T.copy()), torch.tensor(b)) for W, b in zip(net.matrices, net.biases, strict=True)]
+    layers = [(torch.tensor(W), torch.tensor(b[:, 0])) for W, b in zip(net.matrices, net.biases, strict=True)]
     points = torch.tensor(uv)
 
     def forward() -> torch.Tensor:
