@@ -11,8 +11,8 @@ from .parallel import PRODUCT, over_rows
 
 F32 = npt.NDArray[np.float32]
 
-# Points evaluated at once: a layer's activations stay in the processor's cache.
-CHUNK = 16384
+# Numbers of a layer that are evaluated at once, points times width: they stay in the processor's cache.
+CHUNK = 2**17
 
 
 class Network:
@@ -21,6 +21,7 @@ class Network:
     def __init__(self, tensors: Sequence[F32], omega_first: float, omega_hidden: float) -> None:
         """tensors: as `format.container.tensor_shapes` orders and shapes them."""
         matrices, biases = tensors[0::2], tensors[1::2]
+        self._widest = max(W.shape[1] for W in matrices)
         omegas = [omega_first] + [omega_hidden] * (len(matrices) - 2) + [1.0]
         # omega is folded into the tensors once.
         self.matrices = [np.ascontiguousarray(W * np.float32(o)) for W, o in zip(matrices, omegas, strict=True)]
@@ -41,7 +42,7 @@ class Network:
                 np.sin(x, out=x)
             out[:, first:last] = _unstacked(self.matrices[-1] @ x + self.biases[-1], last - first)
 
-        over_rows(work, len(uv), CHUNK)
+        over_rows(work, len(uv), -(-CHUNK // self._widest))
         return out.T
 
     def gradient(self, uv: F32) -> tuple[F32, F32]:
@@ -68,13 +69,12 @@ class Network:
             derivatives[:, 0, first:last] = _unstacked(W @ du, n)
             derivatives[:, 1, first:last] = _unstacked(W @ dv, n)
 
-        over_rows(work, len(uv), CHUNK)
+        over_rows(work, len(uv), -(-CHUNK // (4 * self._widest)))
         return heights.T, np.moveaxis(derivatives, -1, 0)
 
     def _stack(self, uv: F32) -> F32:
         """(n, 2) -> (stack, 2, points), filled up with zeros: numpy is fast along long last dimensions."""
-        widest = max(W.shape[1] for W in self.matrices)
-        points = min(max(1, PRODUCT // widest**2), max(1, len(uv)))
+        points = min(max(1, PRODUCT // self._widest**2), max(1, len(uv)))
         stack = -(-len(uv) // points)
         out = np.zeros((2, stack * points), dtype=np.float32)
         out[:, : len(uv)] = uv.T
