@@ -18,6 +18,7 @@ import torch
 from ..format.container import fold
 from . import kernel
 from .heights import Frame
+from .hunt import Hunt
 from .samples import CLEAR, FarSpace, Samples
 from .siren import Networks, heights
 from .team import Team
@@ -27,14 +28,7 @@ NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a fl
 BEYOND = 10.0  # times as much weighs a sample outside the input's bounding box
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**15
-HUNT = 2**19  # points of far space that a search for floaters looks at
-HUNT_NEAR = 2**17  # points nearer to the surface, on each side, that a search for specks and slits looks at
-LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look around next time, at how many points, how far
-# What is found near the surface becomes a sample when f has the wrong sign, or is as close to zero: outside, inside.
-# Inside they are few, and rounding cuts slits where none of them holds it.
-SUSPECT = (0.005, LOW)
-AT_MOST = 4000  # points of a kind that a search asks the truth about
-SUSPECTS = 20_000  # of them that are kept of each side, the latest
+SUSPECTS = 20_000  # of what a search finds, how many are kept of each side, the latest
 REACH = 0.1  # how much f must change before a network that is left out of a sample has a say in what it costs
 RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
@@ -77,10 +71,10 @@ class Composite:
     """
 
     def __init__(self, samples: Samples, far: FarSpace, frames: list[Frame], device: torch.device, team: Team) -> None:
-        self.device, self._team, self._far = device, team, far
+        self.device, self._team = device, team
         self.n_surface, self.n_space = len(samples.surface), len(samples.space)
-        self._hunter = np.random.default_rng(0)
-        samples = samples.in_random_order(self._hunter)
+        rng = np.random.default_rng(0)
+        samples = samples.in_random_order(rng)
         self._frames = frames
         self._boxes = self._put(np.stack([f.bounds for f in frames]))
         self._rotations = self._put(np.stack([f.rotation for f in frames])).mT
@@ -88,11 +82,7 @@ class Composite:
         self._seen = torch.from_numpy(samples.seen).to(device)
         self._cosine = self._put(samples.cosine)
         self._box = self._put(samples.box)
-        off = samples.distance > CLEAR
-        outside = samples.excluded.any(axis=1)
-        # Of each side, outside and inside: samples off the surface, and where f was found to be low.
-        self._off = [(samples.space[off & m], samples.distance[off & m]) for m in (outside, ~outside)]
-        self._known = [samples.space[:0], samples.space[:0]]
+        self.hunt = Hunt(samples, far, frames, rng, device, team)
         self._suspects = [0, 0]  # outside, inside
 
         # The samples of space, and after them room for suspects.
@@ -165,11 +155,8 @@ class Composite:
         it: of floaters and of slits."""
         least = self._least(self._slacks(networks, self._space))[: self.n_space]
         inside, distance = self._inside[: self.n_space], self._distance[: self.n_space]
-        known = (least > 0) & ~inside & (distance > STRAY) | (least < 0) & inside & (distance > CLEAR)
-        points, f = self._doubtful(networks, 1)
-        excluded, distance_of = self._far.truth(points[f < 0])
-        slits = ~excluded.any(axis=1) & (distance_of > CLEAR)
-        return int(known.sum()) + int(slits.sum()) + sum(len(self._floaters(networks, 0.0)) for _ in range(8))
+        wrong = (least > 0) & ~inside & (distance > STRAY) | (least < 0) & inside & (distance > CLEAR)
+        return int(wrong.sum()) + self.hunt.strays(networks)
 
     def look(self, networks: Networks, reach: float) -> None:
         """Find what matters to some networks until f has changed by `reach`.
@@ -178,20 +165,8 @@ class Composite:
         seldom drawn by chance: those on the wrong side of f, and suspects, points of far space where f is about to
         rise above zero and points nearer to the surface where it is about to be wrong.
         """
-        floaters = self._floaters(networks, -LOW)[:AT_MOST]
-        sides = [self._doubtful(networks, side) for side in range(2)]
-        parts = [floaters, *(points for points, _ in sides)]
-        excluded, distance = self._far.truth(np.concatenate(parts))
-        ends = np.cumsum([len(p) for p in parts])[:-1]
-        truth = list(zip(parts, np.split(excluded, ends), np.split(distance, ends), strict=True))
-        points, excluded, distance = truth[0]
-        found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
-        self._add_suspects(0, points[found], excluded[found], distance[found])
-        for side, (points, excluded, distance) in enumerate(truth[1:]):
-            found = (excluded.any(axis=1) == (side == 0)) & (distance > CLEAR)
-            self._known[side] = np.concatenate([self._known[side], points[found]])[-KNOWN:]
-            found &= sides[side][1] < SUSPECT[side]
-            self._add_suspects(side, points[found], excluded[found], distance[found])
+        for side, points, excluded, distance in self.hunt.suspects(networks):
+            self._add_suspects(side, points, excluded, distance)
 
         slack = self._slacks(networks, self._surface)
         own = slack.masked_fill(~self._seen, FAR).min(dim=1, keepdim=True).values
@@ -244,59 +219,6 @@ class Composite:
         """(N,): the slack that decides about each space sample: the least of all for one that is inside, of those DHFs
         that may exclude it for one that is outside."""
         return torch.where(self._inside, slack.min(dim=1).values, slack.masked_fill(~self._excluded, FAR).amin(dim=1))
-
-    def _doubtful(self, networks: Networks, side: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points outside (side 0) or inside (1) where f is wrong or nearly so, (N, 3), and f (N,), for the outside -f.
-
-        Near jumps of the heights, networks leave specks of solid, or cut slits into it, that may be smaller than the
-        samples lie apart. A sample at a distance d has a ball of that radius around it which is all on its side.
-        """
-        samples, depth = self._off[side]
-        if not len(samples):
-            return samples, depth
-        at = self._hunter.integers(len(samples), size=HUNT_NEAR)
-        away = self._hunter.normal(size=(HUNT_NEAR, 3))
-        away *= ((depth[at] - CLEAR) * self._hunter.random(HUNT_NEAR) / np.linalg.norm(away, axis=1))[:, None]
-        points = self._put(samples[at] + away)
-        known = self._known[side]
-        if len(known):
-            near = known[self._hunter.integers(len(known), size=HUNT_NEAR // 4)]
-            points = torch.cat([points, self._put(near + self._hunter.normal(size=near.shape) * AROUND)])
-
-        def look(at: int) -> torch.Tensor:
-            part = points[at : at + LOOK_AT_ONCE]
-            least = torch.full((len(part),), FAR, device=self.device)
-            for k in range(len(networks)):
-                least = torch.minimum(least, self._slack(networks, k, part))
-            return least if side else -least
-
-        with torch.no_grad():
-            f = torch.cat(self._team.map(look, range(0, len(points), LOOK_AT_ONCE)))
-        # Around what was known there are many, most of them too near to the surface: the others must not be cut off.
-        fresh, around = (torch.nonzero(part < LOW)[: AT_MOST // 2, 0] for part in (f[:HUNT_NEAR], f[HUNT_NEAR:]))
-        found = torch.cat([HUNT_NEAR + around, fresh])
-        return points[found].cpu().numpy(), f[found].cpu().numpy()
-
-    def _floaters(self, networks: Networks, level: float) -> np.ndarray:
-        """(N, 3) points of far space where f is above a level."""
-        points = self._put(self._far.draw(HUNT, self._hunter))
-
-        def above(at: int) -> torch.Tensor:
-            part = points[at : at + LOOK_AT_ONCE]
-            for k in range(len(networks)):
-                part = part[self._slack(networks, k, part) > level]
-            return part
-
-        with torch.no_grad():
-            found = self._team.map(above, range(0, len(points), LOOK_AT_ONCE))
-        return torch.cat([points[:0], *found]).cpu().numpy()
-
-    def _slack(self, networks: Networks, k: int, points: torch.Tensor) -> torch.Tensor:
-        """(N,): min(far - z, z - near) of DHF k at points (N, 3) of the normalised frame."""
-        x = points @ self._rotations[k]
-        fold(x, self._frames[k].mirrors)
-        y = heights(networks, k, x[:, :2])
-        return torch.minimum(y[:, 1] - x[:, 2], x[:, 2] - y[:, 0])
 
     def gradient(self, networks: Networks, batch: Batch) -> tuple[torch.Tensor, float]:
         """(K, P) gradient in theta of the loss, and the loss: the mean cost of the batch's surface samples and that of

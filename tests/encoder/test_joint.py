@@ -247,7 +247,7 @@ def test_a_floater_is_hunted_down(composite):
     assert (off >= composite.n_space).sum() == 100
     inverted = nets.copy()
     inverted.theta[:, -2:] = torch.tensor([2.0, -2.0])
-    assert len(composite._floaters(inverted, 0.0)) == 0
+    assert len(composite.hunt.floaters(inverted, 0.0)) == 0
     assert composite.strays(inverted) > 1000  # the whole solid is cut away
 
 
@@ -258,7 +258,7 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     nets.theta.zero_()
     # Everything is cut away, or nothing.
     nets.theta[:, -2:] = torch.tensor([0.5, -0.5] if cut else [-2.0, 2.0])
-    wrong, right = (composite._doubtful(nets, side) for side in ((1, 0) if cut else (0, 1)))
+    wrong, right = (composite.hunt.doubtful(nets, side) for side in ((1, 0) if cut else (0, 1)))
     assert len(wrong[0]) > 1000
     assert (wrong[1] < 0).all()
     assert len(right[0]) == 0
@@ -271,8 +271,8 @@ def test_what_is_wrong_near_the_surface_is_found(samples, far, frames, solid, cu
     assert np.sqrt(igl.point_mesh_squared_distance(points, solid.vertices, solid.faces)[0]).min() > 0.02
     assert (solid.contains(points) == cut).mean() > 0.99
     # The next search looks around what was found, too.
-    assert [len(known) for known in composite._known] == ([0, 2000] if cut else [2000, 0])
-    assert len(composite._doubtful(nets, int(cut))[0]) > 1000
+    assert [len(known) for known in composite.hunt.known] == ([0, 2000] if cut else [2000, 0])
+    assert len(composite.hunt.doubtful(nets, int(cut))[0]) > 1000
 
 
 def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples, far, frames):
