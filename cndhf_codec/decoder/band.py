@@ -94,11 +94,12 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     values = np.full((len(corners), LOCAL.shape[0]), MOST, dtype=np.float32)
     values[OUTSIDE] = -MOST
     holders = np.full(values.shape, NOBODY, dtype=np.uint8)
+    band = Band(grid, corners, values, holders, blocks, bricks)
     for k, (dhf, table) in enumerate(zip(dhfs, tables, strict=True)):
-        _lower(values, holders, k, np.flatnonzero(least[k]), grid, corners, dhf, table)
-    _close(values, grid, corners)
-    values = np.where(values >= 0, np.maximum(values, LEAST), np.clip(values, -MOST, -LEAST))
-    return Band(grid, corners, values, holders, blocks, bricks)
+        _lower(band, np.flatnonzero(least[k]), k, dhf, table)
+    _close(band)
+    values[:] = np.where(values >= 0, np.maximum(values, LEAST), np.clip(values, -MOST, -LEAST))
+    return band
 
 
 def _sift(
@@ -155,22 +156,14 @@ def dhf_bounds(dhf: Dhf, bounds: HeightBounds, centres: npt.NDArray[np.float64],
     return lower, upper
 
 
-def _lower(
-    values: F32,
-    holders: npt.NDArray[np.uint8],
-    number: int,
-    rows: npt.NDArray[np.int64],
-    grid: Grid,
-    corners: I32,
-    dhf: Dhf,
-    table: HeightTable,
-) -> None:
-    """Lower `values` in these rows to the f of the DHF of a number, in spacings; it holds what it lowers."""
+def _lower(band: Band, rows: npt.NDArray[np.int64], number: int, dhf: Dhf, table: HeightTable) -> None:
+    """Lower the values in these rows to the f of the DHF of a number, in spacings; it holds what it lowers."""
+    grid, values, holders = band.grid, band.values, band.holders
     offsets = ((LOCAL * grid.spacing) @ dhf.rotation.T).astype(np.float32)
 
     def work(first: int, last: int) -> None:
         part = rows[first:last]
-        base = product(dhf.rotation, (grid.origin + grid.spacing * corners[part]).T).astype(np.float32)
+        base = product(dhf.rotation, (grid.origin + grid.spacing * band.corners[part]).T).astype(np.float32)
         u, v, z = ((base[k, :, None] + offsets[:, k]).ravel() for k in range(3))
         near, far = table(u, v)
         f = dhf.least(u, v, z, near, far)
@@ -183,9 +176,10 @@ def _lower(
     over_rows(work, len(rows), BRICKS_AT_ONCE)
 
 
-def _close(values: F32, grid: Grid, corners: I32) -> None:
+def _close(band: Band) -> None:
     """Make the grid's outermost nodes and all beyond them empty, so that the surface closes inside the grid."""
-    last = np.array(grid.shape) - 1
+    corners, values = band.corners, band.values
+    last = np.array(band.grid.shape) - 1
     rows = np.flatnonzero(np.any((corners == 0) | (corners + BRICK > last), axis=1))
     rows = rows[rows > INSIDE]
     nodes = corners[rows, None] + LOCAL
