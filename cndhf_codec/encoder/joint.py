@@ -72,7 +72,7 @@ def encode_joint(
 ) -> tuple[list[DhfRecord], float, float, float]:
     """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes."""
     with one_torch_thread(), Team(threads) as team:
-        job = Job(solid, settings.for_small_networks(), metadata_bytes, seed, device, team, stage)
+        job = Job(solid, settings.for_size(), metadata_bytes, seed, device, team, stage)
         plan = make_plan(job, deadline.part(PLAN_SHARE))
         if plan.visible == 0:
             return [], 0.0, 0.0, 0.0

@@ -45,7 +45,7 @@ class Settings:
     samples: int  # points on the surface, and as many off it
     far_cells: int  # a side of the grid that tells where floaters are looked for
     trial_steps: int  # of the joint fit that compares numbers of axes
-    tune_steps: int  # at 8 KiB and above; see `for_small_networks`
+    tune_steps: int  # at 8 KiB; see `for_size`
     tune_rate: float
 
     # Rounding. Paper: the fit's loss may grow by `quantisation_loss`. Ours: `bits` a weight when no size is asked for.
@@ -58,11 +58,11 @@ class Settings:
     # Verification: marching-cubes resolution at which the written file is measured.
     verify_resolution: int
 
-    def for_small_networks(self) -> Settings:
-        """With more joint steps at smaller sizes: they take less time each, and small networks profit from them."""
+    def for_size(self) -> Settings:
+        """With more joint steps at smaller sizes, where they take less time each, and fewer at larger ones."""
         if self.target_size is None:
             return self
-        factor = min(max(math.sqrt(REFERENCE_SIZE / self.target_size), 1.0), MOST_STEPS)
+        factor = min(math.sqrt(REFERENCE_SIZE / self.target_size), MOST_STEPS)
         return replace(self, tune_steps=round(self.tune_steps * factor), round_steps=round(self.round_steps * factor))
 
 

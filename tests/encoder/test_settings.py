@@ -56,7 +56,7 @@ def test_out_of_range(arguments, message):
         settings_for(*arguments)
 
 
-def test_small_networks_take_more_steps():
-    steps = [settings_for("default", target_size=n).for_small_networks().tune_steps for n in (16384, 8192, 2048, 400)]
-    assert steps == [40_000, 40_000, 80_000, 120_000]
-    assert settings_for("default", width=9).for_small_networks().tune_steps == 40_000
+def test_smaller_networks_take_more_steps():
+    steps = [settings_for("default", target_size=n).for_size().tune_steps for n in (32_768, 8192, 2048, 400)]
+    assert steps == [20_000, 40_000, 80_000, 120_000]
+    assert settings_for("default", width=9).for_size().tune_steps == 40_000
