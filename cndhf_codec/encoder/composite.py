@@ -24,7 +24,8 @@ from .siren import Networks, heights
 from .team import Team
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
-NEAR = 0.02  # a sample at distance d from the surface weighs 1 + d / NEAR: a floater costs its area times its distance
+OFF_SURFACE = 0.4  # weight of a sample of space beside 1 of one on the surface and of a suspect
+NEAR = 0.02  # at distance d from the surface 1 + d / NEAR times that: a floater costs its area times its distance
 BEYOND = 10.0  # times as much weighs a sample outside the input's bounding box
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 LOOK_AT_ONCE = 2**15
@@ -106,6 +107,7 @@ class Composite:
         p = self._put(points)
         out = ((p < self._box[0]) | (p > self._box[1])).any(dim=1)
         self._weight[rows] = (1 + self._distance[rows] / NEAR) * torch.where(out, BEYOND, 1.0)
+        self._weight[rows] *= torch.where(rows < self.n_space, OFF_SURFACE, 1.0)
         # Outside one of the boxes there is nothing that a network could get wrong.
         lo, hi = self._boxes[:, None, :, 0], self._boxes[:, None, :, 1]
         beyond = ((self._space[:, rows] < lo) | (self._space[:, rows] > hi)).any(dim=2).any(dim=0)

@@ -16,7 +16,7 @@ from .siren import Networks
 from .soap import Soap
 
 WARM_UP = 50  # steps of rising learning rate
-SURFACE = 0.5  # share of a batch drawn on the surface
+SURFACE = 0.7  # share of a batch drawn on the surface
 LOOK_EVERY = 1000  # steps between looks at what matters to the loss
 EARLY = 700  # steps in which new networks change much, and everything is taken to matter
 REPORT_EVERY = 100  # steps
