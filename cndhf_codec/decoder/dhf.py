@@ -44,8 +44,8 @@ class Dhf:
         min(far - z, z - near) and the distances to the six planes of the domain box, whichever is least.
         `heights` stands in for the exact network where a table will do.
         """
-        u, v, z = product(self.rotation, points.T)
-        near, far = heights(u, v) if heights else self.heights(np.stack([u, v]).T).T
+        u, v, z = uvz = product(self.rotation, points.T)
+        near, far = heights(u, v) if heights else self.heights(uvz[:2].T).T
         return self.least(u, v, z, near, far)
 
     def least(self, u: F32, v: F32, z: F32, near: F32, far: F32) -> F32:

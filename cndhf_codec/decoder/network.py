@@ -30,7 +30,7 @@ class Network:
     def __call__(self, uv: F32) -> F32:
         """(N, 2) float32 -> (N, 2) float32: near and far height.
 
-        Fastest, and without a copy, when the two columns are contiguous; those of the heights are.
+        Fastest when each of the two columns is contiguous, as those of the heights are.
         """
         out = np.empty((2, len(uv)), dtype=np.float32)
 

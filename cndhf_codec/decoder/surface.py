@@ -118,11 +118,11 @@ def _crossings(
         t = fa / (fa - fb)
         left = np.arange(len(t))  # those not close enough yet; what follows is theirs
         again_a, again_b = np.zeros_like(left, dtype=bool), np.zeros_like(left, dtype=bool)  # this end stays once more
-        for attempt in range(REFINEMENTS):
-            points = origin.copy() if attempt == 0 else origin.take(left, axis=1)
+        for _ in range(REFINEMENTS):
+            points = origin.take(left, axis=1)
             now = t.take(left)
             points[along.take(left), np.arange(len(left))] += now * np.float32(grid.spacing)
-            ft = _exact(grid, dhfs, holders if attempt == 0 else holders.take(left, axis=1), points)
+            ft = _exact(grid, dhfs, holders.take(left, axis=1), points)
             above = (ft > 0) == (fa > 0)  # the crossing lies between t and b
             fa, fb = np.where(above, ft, fa * (1 - again_a / 2)), np.where(above, fb * (1 - again_b / 2), ft)
             a, b = np.where(above, now, a), np.where(above, b, now)

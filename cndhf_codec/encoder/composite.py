@@ -92,22 +92,23 @@ class Composite:
         self._excluded = torch.zeros((total, len(frames)), dtype=torch.bool, device=device)
         self._inside = torch.zeros(total, dtype=torch.bool, device=device)
         self._distance, self._margin, self._weight = (torch.zeros(total, device=device) for _ in range(3))
-        self._set_space(torch.arange(self.n_space), samples.space, samples.excluded, samples.distance)
+        self._set_space(torch.arange(self.n_space), samples.space, samples.excluded, samples.distance, OFF_SURFACE)
 
         # Until a look is taken everything matters.
         self._near_surface = torch.ones_like(self._seen)
         self._near_space = torch.ones_like(self._excluded)
         self._set_pool(torch.arange(self.n_space, device=device))
 
-    def _set_space(self, rows: torch.Tensor, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
+    def _set_space(
+        self, rows: torch.Tensor, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray, weight: float
+    ) -> None:
         self._space[:, rows] = self._in_frames(points)
         self._excluded[rows] = torch.from_numpy(excluded).to(self.device)
         self._inside[rows] = ~self._excluded[rows].any(dim=1)
         self._distance[rows] = self._put(distance)
         p = self._put(points)
         out = ((p < self._box[0]) | (p > self._box[1])).any(dim=1)
-        self._weight[rows] = (1 + self._distance[rows] / NEAR) * torch.where(out, BEYOND, 1.0)
-        self._weight[rows] *= torch.where(rows < self.n_space, OFF_SURFACE, 1.0)
+        self._weight[rows] = (1 + self._distance[rows] / NEAR) * torch.where(out, BEYOND, 1.0) * weight
         # Outside one of the boxes there is nothing that a network could get wrong.
         lo, hi = self._boxes[:, None, :, 0], self._boxes[:, None, :, 1]
         beyond = ((self._space[:, rows] < lo) | (self._space[:, rows] > hi)).any(dim=2).any(dim=0)
@@ -214,7 +215,7 @@ class Composite:
     def _add_suspects(self, side: int, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
         numbers = (self._suspects[side] + np.arange(len(points))) % SUSPECTS
         rows = self.n_space + side * SUSPECTS + numbers
-        self._set_space(torch.from_numpy(rows), points, excluded, distance)
+        self._set_space(torch.from_numpy(rows), points, excluded, distance, 1.0)
         self._suspects[side] += len(rows)
 
     def _least(self, slack: torch.Tensor) -> torch.Tensor:

@@ -22,9 +22,7 @@ Point = tuple[str, int, Mesh, float, float]  # peer and its options, bytes, deco
 def draco(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
     """Quadric decimation by two libraries, then Draco at level 10."""
     for count in _counts(faces):
-        whole = ("whole", lambda v, f, _: (v.astype(np.float32), f))
-        decimations = (("fast-simplification", _fast_simplification), ("pymeshlab", _pymeshlab))
-        for name, decimate in (whole,) if count == len(faces) else decimations:
+        for name, decimate in WHOLE if count == len(faces) else DECIMATIONS:
             start = time.perf_counter()
             v, f = decimate(vertices, faces, count)
             simplified = time.perf_counter() - start
@@ -79,6 +77,7 @@ def meshopt(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
 
 
 def _counts(faces: np.ndarray) -> list[int]:
+    """How many faces to simplify to; the last is all of them where they are few."""
     counts = [count for count in FACES if count < len(faces)]
     return [*counts, len(faces)] if len(faces) <= FACES[-1] else counts
 
@@ -96,3 +95,11 @@ def _pymeshlab(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
     )
     mesh = meshes.current_mesh()
     return mesh.vertex_matrix().astype(np.float32), mesh.face_matrix()
+
+
+def _whole(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
+    return vertices.astype(np.float32), faces
+
+
+WHOLE = (("whole", _whole),)
+DECIMATIONS = (("fast-simplification", _fast_simplification), ("pymeshlab", _pymeshlab))
