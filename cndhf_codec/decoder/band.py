@@ -27,7 +27,7 @@ OUTSIDE, INSIDE = 0, 1  # rows of values that stand for all bricks without surfa
 # Field values, in spacings, are kept between these magnitudes. The lower one keeps a surface vertex from
 # falling on a grid node, the upper one lets a DHF be left out where it is not near its surface.
 LEAST, MOST = 0.01, 4.0
-BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**16, 2**11
+BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**15, 2**11
 
 # The nodes of a brick, (64, 3), last index fastest.
 LOCAL = np.indices((BRICK,) * 3, dtype=np.int32).reshape(3, -1).T
@@ -98,7 +98,10 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     for k, (dhf, table) in enumerate(zip(dhfs, tables, strict=True)):
         _lower(band, np.flatnonzero(least[k]), k, dhf, table)
     _close(band)
-    values[:] = np.where(values >= 0, np.maximum(values, LEAST), np.clip(values, -MOST, -LEAST))
+    np.maximum(values, -MOST, out=values)
+    flat = values.ravel()
+    small = np.flatnonzero(np.abs(flat) < LEAST)
+    flat[small] = np.where(flat[small] >= 0, LEAST, -LEAST)
     return band
 
 

@@ -17,13 +17,14 @@ _this_thread = threading.local()  # `.works`: it is one of those at work on rang
 
 
 def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
-    """Call work(first, last) for ranges of `size` rows that cover 0 to n, on every processor.
+    """Call work(first, last) for equal ranges of at most `size` rows that cover 0 to n, on every processor.
 
     The ranges do not depend on the number of processors, so neither does what `work` writes. What `work` calls in
     turn stays in its thread: threads of threads would get in each other's way. Raises what `work` raises.
     """
-    ranges = iter([(first, min(first + size, n)) for first in range(0, n, size)])
-    threads = 1 if getattr(_this_thread, "works", False) else min(-(-n // size), processors())
+    parts = -(-n // size)
+    ranges = iter([(n * k // parts, n * (k + 1) // parts) for k in range(parts)])
+    threads = 1 if getattr(_this_thread, "works", False) else min(parts, processors())
     if threads < 2:
         for first, last in ranges:
             work(first, last)

@@ -23,7 +23,10 @@ def test_every_row_once_in_the_same_ranges(monkeypatch, processors, n):
 
     over_rows(work, n, 10)
     assert np.all(seen == 1)
-    assert sorted(ranges) == [(k, min(k + 10, n)) for k in range(0, n, 10)]
+    # As few as have at most 10 rows each, about equally long, whatever the number of processors.
+    parts = -(-n // 10)
+    assert sorted(ranges) == [(n * k // parts, n * (k + 1) // parts) for k in range(parts)]
+    assert all(n // parts <= last - first <= 10 for first, last in ranges)
 
 
 def test_work_within_work_stays_in_its_thread(monkeypatch):
