@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .dhf import Dhf
 from .network import F32
-from .parallel import product
+from .parallel import over_rows, product
 
 Extremum = Callable[[F32, F32], F32]  # np.minimum or np.maximum
 
@@ -31,10 +31,15 @@ class HeightTable:
         coarse = np.maximum(np.ceil((hi - lo) / spacing).astype(np.int64) + 1, 4)  # a cubic takes four nodes
         u, v = (np.linspace(lo[k], hi[k], coarse[k], dtype=np.float32) for k in range(2))
         heights = dhf.heights(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2))
-        values = np.moveaxis(heights.reshape(*coarse, 2), -1, 0)
-        self.values = _halved(_halved(values, 1), 2)  # (2, nu, nv): near, far
         self.lo = lo
         self.shape = 2 * coarse - 1
+        self.values = np.empty((2, *self.shape), dtype=np.float32)  # near, far
+
+        def work(first: int, last: int) -> None:
+            values = heights.T[first:last].reshape(-1, *coarse)
+            self.values[first:last] = _halved(_halved(values, 1), 2)
+
+        over_rows(work, 2, 1)
         self.step = (hi - lo) / (self.shape - 1).astype(np.float32)
 
     def __call__(self, u: F32, v: F32) -> tuple[F32, F32]:
@@ -102,14 +107,19 @@ class HeightBounds:
 
 def _halved(values: F32, axis: int) -> F32:
     """With a node between each two along `axis`, on the cubic through the four nearest."""
-    a = np.moveaxis(values, axis, 0)
-    out = np.empty((2 * len(a) - 1, *a.shape[1:]), dtype=np.float32)
-    out[::2] = a
+    shape = list(values.shape)
+    shape[axis] = 2 * shape[axis] - 1
+    out = np.empty(shape, dtype=np.float32)
+    a, b = np.moveaxis(values, axis, 0), np.moveaxis(out, axis, 0)
+    b[::2] = a
     # At the ends, the cubic through the first or last four.
-    out[1] = (5 * a[0] + 15 * a[1] - 5 * a[2] + a[3]) / 16
-    out[-2] = (5 * a[-1] + 15 * a[-2] - 5 * a[-3] + a[-4]) / 16
-    out[3:-3:2] = (9 * (a[1:-2] + a[2:-1]) - (a[:-3] + a[3:])) / 16
-    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
+    b[1] = (5 * a[0] + 15 * a[1] - 5 * a[2] + a[3]) / 16
+    b[-2] = (5 * a[-1] + 15 * a[-2] - 5 * a[-3] + a[-4]) / 16
+    between = a[1:-2] + a[2:-1]
+    between *= 9
+    between -= a[:-3] + a[3:]
+    np.divide(between, 16, out=b[3:-3:2])
+    return out
 
 
 def _pooled(values: F32, extremum: Extremum, axis: int, size: int) -> F32:
