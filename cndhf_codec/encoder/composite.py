@@ -18,7 +18,7 @@ import torch
 from ..format.container import fold
 from . import kernel
 from .heights import Frame
-from .hunt import Hunt
+from .hunt import AT_ONCE, Hunt
 from .samples import CLEAR, FarSpace, Samples
 from .siren import Networks, heights
 from .team import Team
@@ -28,7 +28,6 @@ OFF_SURFACE = 0.4  # weight of a sample of space beside 1 of one on the surface 
 NEAR = 0.02  # at distance d from the surface 1 + d / NEAR times that: a floater costs its area times its distance
 BEYOND = 10.0  # times as much weighs a sample outside the input's bounding box
 STRAY = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
-LOOK_AT_ONCE = 2**15
 SUSPECTS = 20_000  # of what a search finds, how many are kept of each side, the latest
 REACH = 0.1  # how much f must change before a network that is left out of a sample has a say in what it costs
 RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
@@ -205,12 +204,12 @@ class Composite:
         def look(at: int) -> torch.Tensor:
             parts = []
             for k in range(len(networks)):
-                _, above, below = self._distances(networks, k, points[k, at : at + LOOK_AT_ONCE])
+                _, above, below = self._distances(networks, k, points[k, at : at + AT_ONCE])
                 parts.append(torch.minimum(above, below))
             return torch.stack(parts, dim=1)
 
         with torch.no_grad():
-            return torch.cat(self._team.map(look, range(0, points.shape[1], LOOK_AT_ONCE)))
+            return torch.cat(self._team.map(look, range(0, points.shape[1], AT_ONCE)))
 
     def _add_suspects(self, side: int, points: np.ndarray, excluded: np.ndarray, distance: np.ndarray) -> None:
         numbers = (self._suspects[side] + np.arange(len(points))) % SUSPECTS

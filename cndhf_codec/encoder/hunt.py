@@ -29,7 +29,7 @@ LOW, KNOWN, AROUND = 0.015, 2000, 0.01  # how near to zero f makes it look aroun
 # Inside they are few, and rounding cuts slits where none of them holds it.
 SUSPECT = (0.005, LOW)
 AT_MOST = 4000  # points of a kind that a search asks the truth about
-AT_ONCE = 2**15
+AT_ONCE = 2**15  # points that a thread evaluates
 OUTSIDE, INSIDE = 0, 1  # sides
 
 
