@@ -99,9 +99,8 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
         _lower(band, np.flatnonzero(least[k]), k, dhf, table)
     _close(band)
     np.maximum(values, -MOST, out=values)
-    flat = values.ravel()
-    small = np.flatnonzero(np.abs(flat) < LEAST)
-    flat[small] = np.where(flat[small] >= 0, LEAST, -LEAST)
+    small = np.abs(values) < LEAST
+    values[small] = np.where(values[small] >= 0, LEAST, -LEAST)
     return band
 
 
