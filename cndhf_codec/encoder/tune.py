@@ -18,6 +18,7 @@ from .soap import Soap
 WARM_UP = 50  # steps of rising learning rate
 SURFACE = 0.7  # share of a batch drawn on the surface
 LOOK_EVERY = 1000  # steps between looks at what matters to the loss
+STEADY = 20  # widest networks that bear the whole learning rate; with wider ones the loss rises in the long run
 EARLY = 700  # steps in which new networks change much, and everything is taken to matter
 REPORT_EVERY = 100  # steps
 
@@ -34,10 +35,11 @@ def tune(
     held: torch.Tensor | None = None,
 ) -> None:
     """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine; faster, and
-    for fewer steps, when the deadline comes first.
+    for fewer steps, when the deadline comes first. Networks wider than STEADY take less, by the square of the width.
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges.
     """
+    rate *= min(1.0, (STEADY / networks.width) ** 2)
     rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
     start = networks.theta.clone()

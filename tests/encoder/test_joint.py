@@ -290,6 +290,18 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples
     assert (nets.theta[~held] != start.theta[~held]).float().mean() > 0.99
 
 
+def test_wide_networks_take_smaller_steps(composite, monkeypatch):
+    rates: list[float] = []
+    monkeypatch.setattr(Soap, "step", lambda self, gradient, rate: rates.append(rate))
+    largest = []
+    for width in (6, 20, 40):
+        rates.clear()
+        tune(networks(width=width), composite, 64, 100, 1e-3, 0, lambda step, loss: None, Deadline())
+        largest.append(max(rates))
+    assert largest[1] == largest[0]
+    assert largest[2] == pytest.approx(0.25 * largest[0])
+
+
 def test_a_deadline_ends_the_joint_fit(composite):
     steps: list[int] = []
     start = time.monotonic()
