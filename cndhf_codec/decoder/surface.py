@@ -35,8 +35,8 @@ def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTa
     # Half a cell less, so that no node falls on the planes that bound the solid, where f is zero but for rounding.
     size = float((hi - lo).max())
     spacing = max(size - 2 * margin, size / 10) / (resolution - 0.5)
-    # Tables at half the grid's spacing: their own error then stays below that of marching cubes. The bound on
-    # their nodes is out of reach of a solid that fills its domain: it keeps a speck from asking for gigabytes.
+    # Tables as fine as the grid. The bound on their nodes is out of reach of a solid that fills its domain: it keeps
+    # a speck from asking for gigabytes.
     tables = [HeightTable(d, max(spacing, float(np.ptp(d.bounds[:2], axis=1).max()) / (2 * resolution))) for d in dhfs]
     lo, hi = _solid_bounds(dhfs, tables, spacing)
     shape = np.ceil((hi - lo) / spacing).astype(int) + 3

@@ -61,7 +61,7 @@ def test_table_is_close_to_the_network_and_exact_at_its_nodes():
     dhf = Dhf(analytic.waves(3))
     uv = np.random.default_rng(0).uniform(-1, 1, (2000, 2)).astype(np.float32)  # some outside the domain
     exact = dhf.heights(uv)
-    errors = [np.abs(np.column_stack(HeightTable(dhf, spacing)(*uv.T)) - exact).max() for spacing in (0.16, 0.08, 0.04)]
+    errors = [np.abs(np.column_stack(HeightTable(dhf, spacing)(*uv.T)) - exact).max() for spacing in (0.08, 0.04, 0.02)]
     # Bilinear: half the spacing is a quarter of the error.
     assert errors[0] < 0.02
     assert errors[1] < errors[0] / 2.5
@@ -69,14 +69,13 @@ def test_table_is_close_to_the_network_and_exact_at_its_nodes():
     table = HeightTable(dhf, 0.2)
     nodes = table.lo + table.step * np.stack(np.indices(table.shape), axis=-1).astype(np.float32)
     at_nodes = dhf.heights(nodes.reshape(-1, 2)).reshape(nodes.shape)
-    np.testing.assert_allclose(table.values[:, ::2, ::2], np.moveaxis(at_nodes, -1, 0)[:, ::2, ::2], atol=1e-5)
-    np.testing.assert_allclose(table.values, np.moveaxis(at_nodes, -1, 0), atol=5e-3)
+    np.testing.assert_allclose(table.values, np.moveaxis(at_nodes, -1, 0), atol=1e-5)
 
 
 def test_table_nodes_are_no_farther_apart_than_asked_and_reach_the_edge():
     dhf = Dhf(analytic.waves(3))
     table = HeightTable(dhf, 0.4)
-    assert table.step.max() <= 0.2
+    assert table.step.max() <= 0.4
     np.testing.assert_allclose(table.lo + table.step * (table.shape - 1), dhf.bounds[:2, 1], atol=1e-5)
 
 
