@@ -34,6 +34,7 @@ from .verify import surface_distances
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
 DHF_BYTES = 40 + 14  # record and scale codes of a DHF of five hidden layers
 LEAST_WIDTH = 5
+WIDE, MOST_OMEGA = 24, 1.5  # beyond this width omega grows with the width, to at most 1.5 times the preset's
 AIM = 0.98  # of the size asked for is what the rounding aims at: the size is known only afterwards
 WITHIN = 0.95  # of the size asked for is the least that is good enough
 ATTEMPTS = 3
@@ -154,10 +155,15 @@ def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
     return width
 
 
+def omega_for(settings: Settings, width: int) -> int:
+    """Networks of more weights can follow finer detail, but learn it only where omega lets them."""
+    return round(settings.omega * min(max(width / WIDE, 1.0), MOST_OMEGA))
+
+
 def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Composite, float]:
     """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes."""
     solid, team = job.solid, job.team
-    settings = replace(job.settings, width=plan.width)
+    settings = replace(job.settings, width=plan.width, omega=omega_for(job.settings, plan.width))
     targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
     report_all = job.stage("fit", settings.steps * len(targets))
 

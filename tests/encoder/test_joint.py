@@ -410,6 +410,16 @@ def test_the_width_follows_from_the_size():
     assert width_for(replace(SMALL, target_size=4096), 1, 30) > at[1]
 
 
+@pytest.mark.parametrize(("width", "omega"), [(16, 30), (32, 40), (40, 45)])
+def test_wide_networks_have_a_larger_omega(solid, frames, width, omega):
+    few = replace(SMALL, steps=3, tune_steps=3, samples=2000, target_resolution=32, far_cells=8)
+    silent = lambda name, total: lambda done, loss: None  # noqa: E731
+    job = joint.Job(solid, few, 30, 0, CPU, Team(1), silent)
+    fitted, _, _ = joint.fit_plan(job, joint.Plan(frames, width, 0.0, 1.0, 1.0), Deadline())
+    assert fitted.omega == omega
+    assert {r.omega_hidden for r in joint._records(fitted, joint._finest(fitted), frames)} == {omega}
+
+
 @pytest.mark.parametrize("size", [900, 2500])
 def test_a_target_size_is_met(creature, monkeypatch, size):
     tiny = replace(
