@@ -85,7 +85,8 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     blocks = np.full([n + 1 for n in n_blocks], OUTSIDE, dtype=np.int32)
     blocks[:-1, :-1, :-1] = rows.reshape(n_blocks)
 
-    corners = (corners[chosen][:, None] + LOCAL * BRICK).reshape(-1, 3)
+    # Coordinates first in memory, as in `np.indices`: numpy is slow along rows of three.
+    corners = (corners.T.take(chosen, axis=1)[..., None] + BRICK * LOCAL.T[:, None]).reshape(3, -1).T
     rows, least, chosen = _sift(grid, dhfs, tables, corners, BRICK)
     bricks = np.concatenate([np.full((1, 64), k, np.int32) for k in (OUTSIDE, INSIDE)] + [rows.reshape(-1, 64)])
 
@@ -171,9 +172,10 @@ def _lower(band: Band, rows: npt.NDArray[np.int64], number: int, dhf: Dhf, table
         f = dhf.least(u, v, z, near, far)
         f /= np.float32(grid.spacing)
         f = f.reshape(-1, len(LOCAL))
-        before = values[part]
-        holders[part] = np.where(f < before, np.uint8(number), holders[part])
-        values[part] = np.minimum(before, f)
+        before, held = values[part], holders[part]
+        held[f < before] = number
+        holders[part] = held
+        values[part] = np.minimum(before, f, out=f)
 
     over_rows(work, len(rows), BRICKS_AT_ONCE)
 

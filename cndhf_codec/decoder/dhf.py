@@ -50,10 +50,14 @@ class Dhf:
 
     def least(self, u: F32, v: F32, z: F32, near: F32, far: F32) -> F32:
         """f (N,) at points of the DHF's frame, from the heights there."""
-        f = np.minimum(far - z, z - near)
-        for x, (lo, hi) in zip((u, v, z), self.bounds, strict=True):
-            np.minimum(f, x - lo, out=f)
-            np.minimum(f, hi - x, out=f)
+        bottom, top = self.bounds[2]
+        f = np.minimum(far, top)
+        f -= z
+        other = np.maximum(near, bottom)
+        np.minimum(f, np.subtract(z, other, out=other), out=f)
+        for x, (lo, hi) in zip((u, v), self.bounds[:2], strict=True):
+            np.minimum(f, np.subtract(x, lo, out=other), out=f)
+            np.minimum(f, np.subtract(hi, x, out=other), out=f)
         return f
 
     def implicit_gradient(self, points: F32) -> tuple[F32, F32]:

@@ -32,23 +32,25 @@ class HeightTable:
         u, v = (np.linspace(lo[k], hi[k], self.shape[k], dtype=np.float32) for k in range(2))
         heights = dhf.heights(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2))
         self.values = heights.T.reshape(2, *self.shape)  # near, far
+        self._pairs = np.empty(len(heights), dtype=np.complex64)  # the same as near + i far, for half the look-ups
+        self._pairs.real, self._pairs.imag = heights.T
 
     def __call__(self, u: F32, v: F32) -> tuple[F32, F32]:
         """(N,), (N,) -> near and far heights (N,) each; the table's last rows and columns go on beyond its edge."""
         nu, nv = self.shape.tolist()
-        u = np.clip((u - self.lo[0]) / self.step[0], 0, nu - 1)
-        v = np.clip((v - self.lo[1]) / self.step[1], 0, nv - 1)
-        i, j = np.minimum(u.astype(np.int32), nu - 2), np.minimum(v.astype(np.int32), nv - 2)
-        u -= i.astype(np.float32)
-        v -= j.astype(np.float32)
-        at = i.astype(np.intp) * nv + j
-        heights = []
-        for values in self.values.reshape(2, -1):
-            a, b = values.take(at), values[nv:].take(at)
-            a += (values[1:].take(at) - a) * v
-            b += (values[nv + 1 :].take(at) - b) * v
-            heights.append(a + (b - a) * u)
-        return heights[0], heights[1]
+        u, i = _cells(u, self.lo[0], self.step[0], nu - 1)
+        v, j = _cells(v, self.lo[1], self.step[1], nv - 1)
+        i *= nv
+        i += j
+        at = i.astype(np.intp)
+        pairs = self._pairs
+        a, b = pairs.take(at), pairs[nv:].take(at)
+        a += (pairs[1:].take(at) - a) * v
+        b += (pairs[nv + 1 :].take(at) - b) * v
+        b -= a
+        b *= u
+        a += b
+        return a.real, a.imag
 
     def solid_box(self, dhf: Dhf) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Lowest and highest corner, in the normalised frame, of the heights at nodes where far >= near.
@@ -94,6 +96,17 @@ class HeightBounds:
             node = np.floor((x - self.lo[k]) / self.step[k] - np.float32(0.01))
             at.append(np.clip(node, 0, self.last[k]).astype(np.int32) // self.pool)
         return self.values[at[0], at[1]]
+
+
+def _cells(x: F32, lo: np.float32, step: np.float32, cells: int) -> tuple[F32, npt.NDArray[np.int32]]:
+    """Which of a row of cells each x (N,) is in, and where in it, from 0 to 1; the first or the last beyond the row."""
+    x = x - lo
+    x /= step
+    # The largest number below `cells` is still in the last cell.
+    np.clip(x, 0, np.nextafter(np.float32(cells), np.float32(0)), out=x)
+    number = x.astype(np.int32)
+    x -= number.astype(np.float32)
+    return x, number
 
 
 def _pooled(values: F32, extremum: Extremum, axis: int, size: int) -> F32:
