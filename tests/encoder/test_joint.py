@@ -403,6 +403,14 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
     assert plan is long[1]
 
 
+def test_of_equal_trials_the_one_with_more_axes_is_chosen(solid, monkeypatch):
+    monkeypatch.setattr(joint, "_trial", lambda job, plan, steps, deadline: 0.1)
+    monkeypatch.setattr(AxisCosts, "floor", lambda self, chosen: 0.01)
+    silent = lambda name, total: lambda done, loss: None  # noqa: E731
+    job = joint.Job(solid, replace(SMALL, target_size=4096, max_axes=3), 30, 0, CPU, Team(1), silent)
+    assert len(joint.make_plan(job, Deadline()).frames) == 3
+
+
 def test_the_width_follows_from_the_size():
     at = [width_for(replace(SMALL, target_size=s), 2, 30) for s in (1024, 4096, 16384)]
     assert at == sorted(at)
