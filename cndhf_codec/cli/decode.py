@@ -30,7 +30,7 @@ COARSEST = 8  # the least resolution
     "--max-error",
     metavar="ERROR",
     help="For --method intersection: distance from the exact surface, a number in input units or 0.1% of the "
-    "bounding box's diagonal (default: 0.03%).",
+    "bounding box's diagonal (default: 0.02%).",
 )
 @click.option("--faces", type=int, help="For --method intersection: at most so many triangles, in place of an error.")
 @click.option("--normals", is_flag=True, help="Write vertex normals (.ply, .obj, .glb), from the analytic gradient.")

@@ -33,7 +33,7 @@ CHUNK = 2**16  # points evaluated at once
 FAR = np.float32(2**20)
 CELLS_FROM = 2**18  # points asked for, over all calls, from which on cells are worth the time to make them
 ROUGH = 64  # resolution of the surface that an intersection is checked against
-DEFAULT_ERROR = "0.03%"  # of an intersection: less than what the smallest files lose, by far
+DEFAULT_ERROR = "0.02%"  # of an intersection: less than what the smallest files lose, by far
 
 
 class Model:
@@ -234,7 +234,7 @@ class Model:
         method: "intersection" triangulates each double height field and intersects the solids: creases stay sharp,
         and far fewer triangles do. Should manifold3d fail, there is a UserWarning and the result of marching cubes.
         max_error: of an intersection, about the distance from the exact surface: a number in input units, or a string
-        "0.1%" of the solid's bounding box's diagonal; "0.03%" when neither this nor `faces` is given.
+        "0.1%" of the solid's bounding box's diagonal; "0.02%" when neither this nor `faces` is given.
         faces: of an intersection, the most triangles, in place of max_error.
         normals: set the mesh's vertex normals from the networks' analytic gradient.
         Takes at most 512 MiB of memory, 256 bytes for each double height field and square of the resolution, and 250
