@@ -30,7 +30,7 @@ class Settings:
     target_size: int | None
     width: int | None
     hidden_layers: int  # sine layers after the first
-    omega: int  # ours: of networks up to a width of 24; see joint.omega_for
+    omega: int  # ours: of networks that are not wide, see joint.omega_for
 
     # Fit of each DHF alone.
     target_resolution: int  # pixels along the longer side of the domain box

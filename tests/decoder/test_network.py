@@ -61,7 +61,7 @@ def test_table_is_close_to_the_network_and_exact_at_its_nodes():
     dhf = Dhf(analytic.waves(3))
     uv = np.random.default_rng(0).uniform(-1, 1, (2000, 2)).astype(np.float32)  # some outside the domain
     exact = dhf.heights(uv)
-    errors = [np.abs(np.column_stack(HeightTable(dhf, spacing)(*uv.T)) - exact).max() for spacing in (0.08, 0.04, 0.02)]
+    errors = [np.abs(np.column_stack(HeightTable(dhf, spacing)(*uv.T)) - exact).max() for spacing in (0.16, 0.08, 0.04)]
     # Bilinear: half the spacing is a quarter of the error.
     assert errors[0] < 0.02
     assert errors[1] < errors[0] / 2.5

@@ -230,7 +230,7 @@ def test_empty_solids(dhfs):
 
 
 def test_a_speck_in_a_large_domain_does_not_ask_for_a_huge_table():
-    # The boxes overlap in a cube of 1/512 at one corner each. Tables at half a cell would have 10^8 nodes.
+    # The boxes overlap in a cube of 1/512 at one corner each. Tables as fine as the grid would have 10^8 nodes.
     tiny = 2**-9
     a, b = slab((-1, -1, -1), (0, 0, 0)), slab((-tiny, -tiny, -tiny), (1, 1, 1))
     m = analytic.model(a, b)

@@ -64,6 +64,10 @@ def composite(samples, far, frames):
     return Composite(samples, far, frames, CPU, Team(1))
 
 
+def job_of(solid: Solid, options: settings.Settings) -> joint.Job:
+    return joint.Job(solid, options, 30, 0, CPU, Team(1), stage=lambda name, total: lambda done, loss: None)
+
+
 def networks(width: int = 8, count: int = 2) -> Networks:
     return stacked([initialise(width, 5, 30.0, torch.Generator().manual_seed(k)) for k in range(count)])
 
@@ -395,8 +399,7 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
         return plan.floor + errors[min(len(tried) - 1, 1)]
 
     monkeypatch.setattr(joint, "_trial", trial)
-    silent = lambda name, total: lambda done, loss: None  # noqa: E731
-    job = joint.Job(solid, replace(SMALL, target_size=4096), 30, 0, CPU, Team(1), silent)
+    job = job_of(solid, replace(SMALL, target_size=4096))
     plan = joint.make_plan(job, Deadline())
     assert len(short) > len(long) == joint.FINALISTS
     assert all(p is not short[0] for p in long)
@@ -406,8 +409,7 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
 def test_of_equal_trials_the_one_with_more_axes_is_chosen(solid, monkeypatch):
     monkeypatch.setattr(joint, "_trial", lambda job, plan, steps, deadline: 0.1)
     monkeypatch.setattr(AxisCosts, "floor", lambda self, chosen: 0.01)
-    silent = lambda name, total: lambda done, loss: None  # noqa: E731
-    job = joint.Job(solid, replace(SMALL, target_size=4096, max_axes=3), 30, 0, CPU, Team(1), silent)
+    job = job_of(solid, replace(SMALL, target_size=4096, max_axes=3))
     assert len(joint.make_plan(job, Deadline()).frames) == 3
 
 
@@ -421,8 +423,7 @@ def test_the_width_follows_from_the_size():
 @pytest.mark.parametrize(("width", "omega"), [(16, 30), (32, 40), (40, 45)])
 def test_wide_networks_have_a_larger_omega(solid, frames, width, omega):
     few = replace(SMALL, steps=3, tune_steps=3, samples=2000, target_resolution=32, far_cells=8)
-    silent = lambda name, total: lambda done, loss: None  # noqa: E731
-    job = joint.Job(solid, few, 30, 0, CPU, Team(1), silent)
+    job = job_of(solid, few)
     fitted, _, _ = joint.fit_plan(job, joint.Plan(frames, width, 0.0, 1.0, 1.0), Deadline())
     assert fitted.omega == omega
     assert {r.omega_hidden for r in joint._records(fitted, joint._finest(fitted), frames)} == {omega}
