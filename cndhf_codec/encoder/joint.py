@@ -38,6 +38,7 @@ WIDE, MOST_OMEGA = 24, 1.5  # beyond this width omega grows with the width, to a
 AIM = 0.98  # of the size asked for is what the rounding aims at: the size is known only afterwards
 WITHIN = 0.95  # of the size asked for is the least that is good enough
 ATTEMPTS = 3
+MADE = 2.0  # times as many points in floaters and slits as before rounding: rounding has made some
 BITS_RANGE = (3.0, 12.0)
 TRIAL_SAMPLES, TRIAL_CELLS, TRIAL_RESOLUTION, TRIAL_POINTS = 100_000, 24, 96, 20_000
 # Of a time limit: trial fits; of what is left then the fit, and of that the fit of every DHF alone; of what is left
@@ -192,6 +193,7 @@ def round_to_size(
     networks = fold_biases(networks)
     best: list[DhfRecord] | None = None
     fewest: float = math.inf
+    allowed = MADE * composite.strays(networks)
     matrices = sensitivities(networks, composite, seed, team)
     logs = relative_steps(networks, matrices)
     for attempt in range(ATTEMPTS):
@@ -204,12 +206,12 @@ def round_to_size(
         records = _records(rounded, codes, plan.frames)
         size = _coded_size(records)
         strays = composite.strays(rounded)
-        # A floater or a slit that rounding has made goes away with other samples, as a rule.
         if (room is None or size <= room) and strays < fewest:
             fewest, best = strays, records
-            enough = room is None or size + fixed >= WITHIN * (room + fixed)
-            if enough and (strays == 0 or attempt > 0):
-                break
+        # A floater or a slit that rounding has made goes away with other samples, as a rule; one that was there stays.
+        enough = room is None or WITHIN * (room + fixed) <= size + fixed <= room + fixed
+        if enough and (strays <= allowed or attempt > 0):
+            break
         if best is not None and deadline.passed() > 1 - FIRST_SHARE / 2:
             break  # another attempt would be over time
         if room is not None and not WITHIN * room <= size <= room:

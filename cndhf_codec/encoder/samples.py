@@ -116,12 +116,13 @@ class FarSpace:
         """(n, 3) about `count` points, fewer where a cell juts out of a box; normalised frame."""
         if not len(self._corners):
             return np.empty((0, 3), dtype=np.float32)
-        uvz = self._corners[rng.integers(len(self._corners), size=count)] + rng.random((count, 3)) * self._cell
+        cells = rng.integers(len(self._corners), size=count)
+        uvz = self._corners.take(cells, axis=0) + rng.random((count, 3)) * self._cell
         points = uvz @ self._frames[0].rotation
         inside = np.ones(count, dtype=bool)
         for f in self._frames[1:]:
-            uvz = points @ f.rotation.T
-            inside &= ((uvz >= f.bounds[:, 0]) & (uvz <= f.bounds[:, 1])).all(axis=1)
+            for x, (lo, hi) in zip((points @ f.rotation.T).T, f.bounds, strict=True):
+                inside &= (x >= lo) & (x <= hi)
         return points[inside].astype(np.float32)
 
     def truth(self, points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
