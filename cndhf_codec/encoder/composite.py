@@ -126,13 +126,15 @@ class Composite:
         space = torch.from_numpy(rng.integers(self.n_space, size=rest)).to(self.device)
         return surface, torch.cat([space, pooled])
 
-    def draw_batch(self, n_surface: int, n_space: int, rng: np.random.Generator) -> Batch:
-        """As `draw`, for a step: in runs, and without the space samples that cost nothing."""
+    def draw_batches(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> list[Batch]:
+        """As `draw`, for `count` steps before the next look: in runs, and without the space samples that cost
+        nothing."""
         parts = self._shares(n_space)
         rest = n_space - sum(n for _, _, n in parts)
         parts.append((0, self._active, round(rest * self._active / self.n_space)))
-        space = np.concatenate([_runs(*part, rng) for part in parts])
-        return Batch(_runs(0, self.n_surface, n_surface, rng), space, n_space)
+        space = np.concatenate([_runs(*part, count, rng) for part in parts], axis=1)
+        surface = _runs(0, self.n_surface, n_surface, count, rng)
+        return [Batch(*rows, n_space) for rows in zip(surface, space, strict=True)]
 
     def rows(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
         """The rows of a batch's surface and space samples, as `draw` gives them."""
@@ -297,11 +299,13 @@ class Composite:
         return torch.as_tensor(array, dtype=torch.float32).to(self.device)
 
 
-def _runs(first: int, last: int, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """`count` of the integers from first to last - 1, in runs from random places on; the first follows the last."""
+def _runs(first: int, last: int, length: int, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    """(count, length): each row has integers from first to last - 1, in runs from random places on; the first follows
+    the last."""
     n = last - first
     if n == 0:
-        return np.empty(0, dtype=np.int64)
+        return np.empty((count, 0), dtype=np.int64)
     run = min(RUN, n)
-    at = (rng.integers(n, size=-(-count // run))[:, None] + np.arange(run)).ravel()[:count]
+    starts = rng.integers(n, size=(count, -(-length // run)))
+    at = (starts[..., None] + np.arange(run)).reshape(count, -1)[:, :length]
     return first + np.where(at < n, at, at - n)

@@ -20,7 +20,7 @@ SURFACE = 0.7  # share of a batch drawn on the surface
 LOOK_EVERY = 1000  # steps between looks at what matters to the loss
 STEADY = 20  # widest networks that bear the whole learning rate; with wider ones the loss rises in the long run
 EARLY = 700  # steps in which new networks change much, and everything is taken to matter
-REPORT_EVERY = 100  # steps
+AT_ONCE = 100  # steps that batches are drawn for, all between two looks; the loss is reported as often
 
 
 def tune(
@@ -50,16 +50,17 @@ def tune(
             break
         if step == 1:
             composite.look(networks, FAR if held is None else REACH)
-        elif step % LOOK_EVERY == EARLY:
+        elif step % LOOK_EVERY == EARLY + 1:
             composite.look(networks, REACH)
-        drawn = composite.draw_batch(n_surface, batch - n_surface, rng)
-        gradient, loss = composite.gradient(networks, drawn)
+        if (step - 1) % AT_ONCE == 0:
+            batches = iter(composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - step + 1), rng))
+        gradient, loss = composite.gradient(networks, next(batches))
         if held is not None:
             gradient.masked_fill_(held, 0)
         optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)
-        if step % REPORT_EVERY == 0 or step == steps:
+        if step % AT_ONCE == 0 or step == steps:
             if not (math.isfinite(loss) and bool(torch.isfinite(networks.theta).all())):
                 raise EncodeError(f"the joint fit diverged at step {step}; try another --seed")
             on_step(step, loss)

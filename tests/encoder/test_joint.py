@@ -111,7 +111,7 @@ def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, l
         composite.look(nets, REACH)
         assert composite._near_surface.float().mean() < 0.9
         assert composite._near_space.float().mean() < 0.9
-    batch = composite.draw_batch(1500, 1100, np.random.default_rng(0))
+    (batch,) = composite.draw_batches(1500, 1100, 1, np.random.default_rng(0))
     theta = nets.theta.clone().requires_grad_()
     cost = composite.terms(replace(nets, theta=theta), *composite.rows(batch)).cost
     loss = cost[:1500].mean() + cost[1500:].sum() / 1100
@@ -130,7 +130,7 @@ def test_what_is_left_out_costs_nothing(samples, far, frames, monkeypatch):
         composite = Composite(samples, far, frames, CPU, Team(1))
         composite.look(nets, reach)
         rng = np.random.default_rng(0)
-        batches = [composite.draw_batch(2000, 2000, rng) for _ in range(60)]
+        batches = composite.draw_batches(2000, 2000, 60, rng)
         losses.append(np.mean([composite.gradient(nets, batch)[1] for batch in batches]))
     assert composite._active < 0.9 * composite.n_space
     assert losses[1] == pytest.approx(losses[0], rel=0.03)
@@ -139,12 +139,12 @@ def test_what_is_left_out_costs_nothing(samples, far, frames, monkeypatch):
 def test_runs_are_uniform():
     rng = np.random.default_rng(0)
     for first, last in ((5, 6), (0, 40), (100, 500)):
-        at = np.concatenate([_runs(first, last, 1000, rng) for _ in range(200)])
-        assert len(at) == 200_000
-        counts = np.bincount(at, minlength=last)
+        at = _runs(first, last, 1000, 200, rng)
+        assert at.shape == (200, 1000)
+        counts = np.bincount(at.ravel(), minlength=last)
         assert counts[:first].sum() == 0
         assert counts[first:].min() > 0.5 * counts[first:].max()
-    assert len(_runs(7, 7, 10, rng)) == 0
+    assert _runs(7, 7, 10, 3, rng).shape == (3, 0)
 
 
 def test_threads_do_not_change_the_gradient(samples, far, frames):
@@ -247,7 +247,7 @@ def test_a_floater_is_hunted_down(composite):
     assert composite._suspects[0] > 1000
     _, off = composite.draw(10, 400, np.random.default_rng(0))
     assert (off >= composite.n_space).sum() == 100
-    _, off = composite.rows(composite.draw_batch(10, 400, np.random.default_rng(0)))
+    _, off = composite.rows(composite.draw_batches(10, 400, 3, np.random.default_rng(0))[2])
     assert (off >= composite.n_space).sum() == 100
     inverted = nets.copy()
     inverted.theta[:, -2:] = torch.tensor([2.0, -2.0])
@@ -288,7 +288,7 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples
     assert losses[-1] < losses[0]
     start = networks()
     fresh = Composite(samples, far, frames, CPU, Team(1))
-    batch = fresh.draw_batch(5000, 5000, np.random.default_rng(1))
+    (batch,) = fresh.draw_batches(5000, 5000, 1, np.random.default_rng(1))
     assert fresh.gradient(nets, batch)[1] < 0.3 * fresh.gradient(start, batch)[1]
     assert torch.equal(nets.theta[held], start.theta[held])
     assert (nets.theta[~held] != start.theta[~held]).float().mean() > 0.99
