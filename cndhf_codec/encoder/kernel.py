@@ -16,7 +16,6 @@ import numpy.typing as npt
 TILE = 512  # points evaluated at once: what a network computes for them stays in the cache
 LANES = 8  # loops over a multiple of this many points leave none to be treated one by one
 FAR = np.float32(1e3)  # stands for "no such double height field"
-COPY = 3  # points that copying one costs as much as going back through the layers for
 
 F32 = npt.NDArray[np.float32]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -64,6 +63,23 @@ def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
             x, y = (c, s) if quarter & 1 else (s, c)
             sine[j, t] = -x if quarter & 2 else x
             cosine[j, t] = -y if (quarter + 1) & 2 else y
+
+
+@_inlined_in_written_order
+def sine_in_place(z: F32, n: int) -> None:
+    """Of z[:, :n]; to 1e-7 for |z| < 1000. The polynomial has the least largest error on [-pi / 2, pi / 2], 5e-9."""
+    for j in range(z.shape[0]):
+        for t in range(n):
+            a = z[j, t]
+            k = np.rint(a * np.float32(0.3183098861837907))
+            r = a - k * np.float32(3.140625)
+            r -= k * np.float32(9.67502593994140625e-4)
+            r -= k * np.float32(1.5099579909783765e-7)
+            q = r * r
+            s = np.float32(2.60005465e-6) * q - np.float32(1.98066151e-4)
+            s = s * q + np.float32(8.33301729e-3)
+            s = r + r * q * (s * q - np.float32(1.66666571e-1))
+            z[j, t] = -s if np.int32(k) & 1 else s
 
 
 @inlined
@@ -140,30 +156,55 @@ def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
 
 
 @inlined
-def forward(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, xs: F32, slopes: F32) -> F32:
-    """(2, TILE) heights of the first n columns of x, (2, TILE). Fills xs and slopes, (layers, width, TILE): what every
-    sine layer puts out, and its cosines."""
-    z = np.empty((width, TILE), np.float32)
-    at = 0
-    for k in range(layers):
-        inputs = 2 if k == 0 else width
-        W = theta[at : at + width * inputs].reshape(width, inputs)
-        at += width * inputs
-        for j in range(width):
-            for t in range(n):
-                z[j, t] = theta[at + j]
-        at += width
-        add_product(W, x if k == 0 else xs[k - 1], z, n)
-        for j in range(width):
-            for t in range(n):
-                z[j, t] *= omega
-        sine_and_cosine(z, xs[k], slopes[k], n)
-    y = np.empty((2, TILE), np.float32)
+def arguments(theta: F32, at: int, omega: np.float32, x: F32, z: F32, n: int) -> None:
+    """z[:, :n]: what a sine layer, whose weights begin at `at`, takes the sine of."""
+    width, inputs = len(z), len(x)
+    bias = at + width * inputs
+    for j in range(width):
+        for t in range(n):
+            z[j, t] = theta[bias + j]
+    add_product(theta[at:bias].reshape(width, inputs), x, z, n)
+    for j in range(width):
+        for t in range(n):
+            z[j, t] *= omega
+
+
+@inlined
+def last_layer(theta: F32, width: int, x: F32, y: F32, n: int) -> None:
+    """y[:, :n], (2, TILE): heights from what the last sine layer puts out."""
+    at = len(theta) - 2 * width - 2
     for j in range(2):
         for t in range(n):
             y[j, t] = theta[at + 2 * width + j]
-    add_product(theta[at : at + 2 * width].reshape(2, width), xs[layers - 1], y, n)
-    return y
+    add_product(theta[at : at + 2 * width].reshape(2, width), x, y, n)
+
+
+@inlined
+def values(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
+    """y[:, :n], (2, TILE): heights of the first n columns of x, (2, TILE). Overwrites a and b, (width, TILE)."""
+    arguments(theta, 0, omega, x, a, n)
+    sine_in_place(a, n)
+    at = 3 * width
+    for _ in range(layers - 1):
+        arguments(theta, at, omega, a, b, n)
+        sine_in_place(b, n)
+        a, b = b, a
+        at += width * (width + 1)
+    last_layer(theta, width, a, y, n)
+
+
+@inlined
+def forward(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, xs: F32, slopes: F32) -> None:
+    """Of the first n columns of x, (2, TILE): fills xs and slopes, (layers, width, TILE), with what every sine layer
+    puts out and its cosines."""
+    z = np.empty((width, TILE), np.float32)
+    arguments(theta, 0, omega, x, z, n)
+    sine_and_cosine(z, xs[0], slopes[0], n)
+    at = 3 * width
+    for k in range(1, layers):
+        arguments(theta, at, omega, xs[k - 1], z, n)
+        sine_and_cosine(z, xs[k], slopes[k], n)
+        at += width * (width + 1)
 
 
 @inlined
@@ -200,14 +241,14 @@ def backward(
 @compiled
 def heights(theta: F32, width: int, layers: int, omega: np.float32, uv: F32) -> F32:
     """(N, 2) near and far height of one network, theta (P,), at uv, (N, 2)."""
-    xs, slopes = np.empty((layers, width, TILE), np.float32), np.empty((layers, width, TILE), np.float32)
-    x = np.empty((2, TILE), np.float32)
+    a, b = np.empty((width, TILE), np.float32), np.empty((width, TILE), np.float32)
+    x, y = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
     out = np.empty_like(uv)
     for at in range(0, len(uv), TILE):
         n = min(TILE, len(uv) - at)
         for t in range(n):
             x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
-        y = forward(theta, width, layers, omega, x, n, xs, slopes)
+        values(theta, width, layers, omega, x, n, a, b, y)
         for t in range(n):
             out[at + t, 0], out[at + t, 1] = y[0, t], y[1, t]
     return out
@@ -268,53 +309,19 @@ def jacobian(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, si
 
 
 @inlined
-def evaluate(
-    theta: F32,
-    width: int,
-    layers: int,
-    omega: np.float32,
-    points: F32,
-    near: npt.NDArray[np.bool_],
-    rows: npt.NDArray[np.int64],
-    boxes: F32,
-    x: F32,
-    xs: F32,
-    slopes: F32,
-    slack: F32,
-    far: npt.NDArray[np.bool_],
-    place: npt.NDArray[np.int64],
-    count: npt.NDArray[np.int64],
-) -> None:
-    """min(far - z, z - near) of the networks at points[:, rows], (K, N, 3) in the networks' frames, and whether it is
-    the far one; only where a network is `near`, (N, K), the point.
+def _place(point: F32, box: F32, x: F32, m: int) -> None:
+    """Column m of x: where a network is asked about a point (3,) of its frame."""
+    for c in range(2):
+        x[c, m] = min(max(point[c], box[c, 0]), box[c, 1])
 
-    Fills slack (K, TILE), FAR where it is not; far; place (K, TILE): the column of x (K, 2, TILE), xs and slopes
-    (K, layers, width, TILE) that has the point; and count (K,): how many columns have one.
-    """
-    for k in range(len(theta)):
-        m = 0
-        for t in range(len(rows)):
-            i = rows[t]
-            slack[k, t] = FAR
-            if near[i, k]:
-                for a in range(2):
-                    x[k, a, m] = min(max(points[k, i, a], boxes[k, a, 0]), boxes[k, a, 1])
-                place[k, t] = m
-                m += 1
-        count[k] = m
-        if m == 0:
-            continue
-        while m % LANES:  # what fills it up is evaluated, and then left alone
-            x[k, 0, m], x[k, 1, m] = x[k, 0, 0], x[k, 1, 0]
-            m += 1
-        y = forward(theta[k], width, layers, omega, x[k], m, xs[k], slopes[k])
-        for t in range(len(rows)):
-            i = rows[t]
-            if near[i, k]:
-                z, m = points[k, i, 2], place[k, t]
-                above, below = y[1, m] - z, z - y[0, m]
-                far[k, t] = above < below
-                slack[k, t] = min(above, below)
+
+@inlined
+def _filled(x: F32, m: int) -> int:
+    """The columns m to n of x are filled up, to a multiple of LANES; what becomes of them is not used. Returns n."""
+    n = m + -m % LANES
+    for c in range(m, n):
+        x[0, c], x[1, c] = x[0, 0], x[1, 0]
+    return n
 
 
 @compiled
@@ -337,84 +344,87 @@ def composite_gradient(
     (K, M, 3), near (M, K), excluded (M, K), inside (M,), margin (M,), weight (M,). Networks that are not near a sample
     have no say in what it costs. on, off: samples of the surface and of space that are looked at; on_scale, off_scale:
     what each of them counts.
+
+    All networks that are near say first what f is, in a pass that keeps nothing; the one that decides about a sample is
+    then asked once more, in a pass that can be gone back through.
     """
-    K = len(theta)
-    shape = (K, layers, width, TILE)
-    xs, slopes = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    x, slack, far = np.empty((K, 2, TILE), np.float32), np.empty((K, TILE), np.float32), np.empty((K, TILE), np.bool_)
-    place, count = np.empty((K, TILE), np.int64), np.empty(K, np.int64)
-    active, slope = np.empty(TILE, np.int64), np.empty(TILE, np.float32)
-    g, part_x = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
-    part_xs, part_slopes = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
-    chosen = np.empty(TILE, np.int64)
+    K, first, total = len(theta), len(on), len(on) + len(off)
+    a, b = np.empty((width, TILE), np.float32), np.empty((width, TILE), np.float32)
+    x, y = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
+    slack, far = np.empty((K, TILE), np.float32), np.empty((K, TILE), np.bool_)
+    column = np.empty(TILE, np.int64)
+    # Of every sample: which network answers for it, with which height, and how its cost changes with that.
+    active, side, slope = np.empty(total, np.int64), np.empty(total, np.int64), np.zeros(total, np.float32)
     points_on, near_on, seen, cosine = surface
     points_off, near_off, excluded, inside, margin, weight = space
-    grad = np.zeros(theta.shape, np.float32)
     loss = 0.0
     for half in range(2):
         samples = on if half == 0 else off
+        points = points_on if half == 0 else points_off
+        near = near_on if half == 0 else near_off
         for at in range(0, len(samples), TILE):
             rows = samples[at : at + TILE]
             n = len(rows)
-            points = points_on if half == 0 else points_off
-            near = near_on if half == 0 else near_off
-            evaluate(theta, width, layers, omega, points, near, rows, boxes, x, xs, slopes, slack, far, place, count)
+            for k in range(K):
+                m = 0
+                for t in range(n):
+                    slack[k, t] = FAR
+                    if near[rows[t], k]:
+                        _place(points[k, rows[t]], boxes[k], x, m)
+                        column[m] = t
+                        m += 1
+                if m == 0:
+                    continue
+                values(theta[k], width, layers, omega, x, _filled(x, m), a, b, y)
+                for c in range(m):
+                    t = column[c]
+                    z = points[k, rows[t], 2]
+                    above, below = y[1, c] - z, z - y[0, c]
+                    far[k, t] = above < below
+                    slack[k, t] = min(above, below)
             for t in range(n):
-                i = rows[t]
+                i, s = rows[t], half * first + at + t
                 least, who = FAR, 0
                 for k in range(K):
                     if slack[k, t] < least:
                         least, who = slack[k, t], k
-                slope[t] = 0
                 if half == 0:
                     if least >= 0:
                         least = FAR
                         for k in range(K):
                             if seen[i, k] and slack[k, t] < least:
                                 least, who = slack[k, t], k
-                    slope[t] = cosine[i, who] * on_scale * np.sign(least)
-                    loss += slope[t] * least
+                    slope[s] = cosine[i, who] * on_scale * np.sign(least)
+                    loss += slope[s] * least
                 elif inside[i]:
                     if margin[i] > least:
-                        slope[t] = -weight[i] * off_scale
-                        loss += slope[t] * (least - margin[i])
+                        slope[s] = -weight[i] * off_scale
+                        loss += slope[s] * (least - margin[i])
                 else:
                     least = FAR
                     for k in range(K):
                         if excluded[i, k] and slack[k, t] < least:
                             least, who = slack[k, t], k
                     if margin[i] > -least:
-                        slope[t] = weight[i] * off_scale
-                        loss += slope[t] * (least + margin[i])
-                active[t] = who
-            for k in range(K):
-                m, pulled = count[k], 0
-                for t in range(n):
-                    if active[t] == k and slope[t] != 0:
-                        chosen[pulled] = t
-                        pulled += 1
-                if COPY * pulled > m:
-                    g[:] = 0
-                    for j in range(pulled):
-                        t = chosen[j]
-                        side = 1 if far[k, t] else 0
-                        g[side, place[k, t]] = slope[t] * (2 * side - 1)
-                    m += -m % LANES
-                    backward(theta[k], width, layers, omega, x[k], m, xs[k], slopes[k], g, grad[k])
-                elif pulled:
-                    # Few have a say: packed to the front they cost less.
-                    m = pulled + -pulled % LANES
-                    part_x[:, :m], part_xs[:, :, :m], part_slopes[:, :, :m], g[:, :m] = 0, 0, 0, 0
-                    for j in range(pulled):
-                        t = chosen[j]
-                        side, at_t = 1 if far[k, t] else 0, place[k, t]
-                        part_x[0, j], part_x[1, j] = x[k, 0, at_t], x[k, 1, at_t]
-                        g[side, j] = slope[t] * (2 * side - 1)
-                        chosen[j] = at_t
-                    for layer in range(layers):
-                        for i in range(width):
-                            for j in range(pulled):
-                                part_xs[layer, i, j] = xs[k, layer, i, chosen[j]]
-                                part_slopes[layer, i, j] = slopes[k, layer, i, chosen[j]]
-                    backward(theta[k], width, layers, omega, part_x, m, part_xs, part_slopes, g, grad[k])
+                        slope[s] = weight[i] * off_scale
+                        loss += slope[s] * (least + margin[i])
+                active[s], side[s] = who, 1 if far[who, t] else 0
+
+    grad = np.zeros(theta.shape, np.float32)
+    xs, slopes = np.empty((layers, width, TILE), np.float32), np.empty((layers, width, TILE), np.float32)
+    g = np.empty((2, TILE), np.float32)
+    for k in range(K):
+        m = 0
+        for s in range(total + 1):
+            if s < total and active[s] == k and slope[s] != 0:
+                _place(points_on[k, on[s]] if s < first else points_off[k, off[s - first]], boxes[k], x, m)
+                g[side[s], m] = slope[s] * (2 * side[s] - 1)
+                g[1 - side[s], m] = 0
+                m += 1
+            if m == TILE or (m and s == total):
+                n = _filled(x, m)
+                g[:, m:n] = 0
+                forward(theta[k], width, layers, omega, x, n, xs, slopes)
+                backward(theta[k], width, layers, omega, x, n, xs, slopes, g, grad[k])
+                m = 0
     return grad, loss

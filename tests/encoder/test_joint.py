@@ -78,6 +78,9 @@ def test_sine_and_cosine():
     kernel.sine_and_cosine(z, sine, cosine, z.shape[1])
     np.testing.assert_allclose(sine, np.sin(z.astype(float)), atol=2e-6)
     np.testing.assert_allclose(cosine, np.cos(z.astype(float)), atol=2e-6)
+    alone = z.copy()
+    kernel.sine_in_place(alone, z.shape[1])
+    np.testing.assert_allclose(alone, np.sin(z.astype(float)), atol=2e-6)
 
 
 @pytest.mark.parametrize("width", [5, 8, 19])
