@@ -28,7 +28,7 @@ from .siren import Networks, stacked
 from .solid import Solid
 from .symmetry import frame_with_mirrors, mirror_planes
 from .team import Team
-from .tune import tune
+from .tune import IdleNetworkError, tune
 from .verify import surface_distances
 
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
@@ -79,7 +79,7 @@ def encode_joint(
         plan = make_plan(job, deadline.part(PLAN_SHARE))
         if plan.visible == 0:
             return [], 0.0, 0.0, 0.0
-        networks, composite, unknown = fit_plan(job, plan, deadline.part(FIT_SHARE))
+        plan, networks, composite, unknown = fit_needed(job, plan, deadline.part(FIT_SHARE))
         records = round_to_size(job, plan, networks, composite, deadline)
     return records, plan.covered, plan.visible, unknown
 
@@ -162,8 +162,22 @@ def omega_for(settings: Settings, width: int) -> int:
     return round(settings.omega * min(max(width / WIDE, 1.0), MOST_OMEGA))
 
 
+def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks, Composite, float]:
+    """As `fit_plan`, once more without a DHF that turns out to be idle, the others being as much wider. Returns the
+    plan that was fitted, too."""
+    while True:
+        try:
+            return plan, *fit_plan(job, plan, deadline.part(1))
+        except IdleNetworkError as idle:
+            # Rounding would take an idle network for one that may be rounded as coarsely as one likes.
+            frames = [f for k, f in enumerate(plan.frames) if k != idle.number]
+            width = job.settings.width or width_for(job.settings, len(frames), job.metadata_bytes)
+            plan = replace(plan, frames=frames, width=width)
+
+
 def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Composite, float]:
-    """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes."""
+    """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes. Raises
+    IdleNetworkError when the others do without one of them."""
     solid, team = job.solid, job.team
     settings = replace(job.settings, width=plan.width, omega=omega_for(job.settings, plan.width))
     targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
@@ -222,7 +236,7 @@ def round_to_size(
 
 
 def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> float:
-    """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing."""
+    """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing, or a DHF has nothing to do."""
     short = replace(
         job.settings,
         steps=job.settings.trial_steps // 3,
@@ -232,7 +246,10 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> float:
         target_resolution=256,
     )
     silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731
-    networks, _, _ = fit_plan(replace(job, settings=short, stage=silent), plan, deadline)
+    try:
+        networks, _, _ = fit_plan(replace(job, settings=short, stage=silent), plan, deadline)
+    except IdleNetworkError:
+        return math.inf
     records = _records(networks, _finest(networks), plan.frames)
     try:
         surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).to_mesh(TRIAL_RESOLUTION)

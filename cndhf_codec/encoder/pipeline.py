@@ -23,6 +23,7 @@ from .settings import Settings, settings_for
 from .verify import Distances, surface_distances
 
 VERIFY_SHARE = 0.1  # of a time limit
+POOR = 0.02  # a larger mean error, of the diagonal, is that of a failed fit
 UNSEEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
 
 
@@ -46,7 +47,13 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         """A line for each thing that a user should know of before trusting the result."""
-        return [*self.assumptions, *hidden_warning(self.visible)]
+        return [*self.assumptions, *hidden_warning(self.visible), *self._poor()]
+
+    def _poor(self) -> list[str]:
+        if self.distances is None or self.distances.chamfer <= POOR * self.diagonal:
+            return []
+        share = 100 * self.distances.chamfer / self.diagonal
+        return [f"the result is far from the input, {share:.1f} % of its diagonal on average; try another --seed"]
 
 
 def hidden_warning(visible: float) -> list[str]:

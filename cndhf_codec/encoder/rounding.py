@@ -28,6 +28,7 @@ DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
 FIRST_ROUND = 0.5  # share of the free weights that each round but the last fixes
 TOGETHER = 9000  # most weights of a network whose errors feed each other: their matrix must fit in memory
 GROWTH = 2.0  # room for what feedback and training add to the largest weight of a tensor
+COARSEST = 2.5  # octaves: at most so much coarser than those of another network are a network's steps
 GAUSSIAN_BITS = 2.05  # entropy of a rounded Gaussian of standard deviation 1: 0.5 log2(2 pi e)
 
 F64 = npt.NDArray[np.float64]
@@ -46,11 +47,14 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
 
     Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
-    its U_ii.
+    its U_ii. No network's steps are more than COARSEST coarser, on average, than those of the finest.
     """
     logs = np.concatenate(
         [np.stack([-np.log2(np.diag(_inverse_factor(H))) for H in part]) for part in matrices], axis=1
     )
+    level = logs.mean(axis=1)
+    # What hardly matters now would matter if it were rounded to something else altogether.
+    logs -= np.maximum(level - level.min() - COARSEST, 0)[:, None]
     return np.add.reduceat(logs, _starts(networks), axis=1) / networks.sizes
 
 

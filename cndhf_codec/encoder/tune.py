@@ -23,6 +23,13 @@ EARLY = 700  # steps in which new networks change much, and everything is taken 
 AT_ONCE = 100  # steps that batches are drawn for, all between two looks; the loss is reported as often
 
 
+class IdleNetworkError(Exception):
+    """A network answers for no sample: the others do without it."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
 def tune(
     networks: Networks,
     composite: Composite,
@@ -37,13 +44,15 @@ def tune(
     """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine; faster, and
     for fewer steps, when the deadline comes first. Networks wider than STEADY take less, by the square of the width.
 
-    held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges.
+    held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges, and, with no weight
+    held, IdleNetworkError when no sample of AT_ONCE steps has pulled at a network.
     """
     rate *= min(1.0, (STEADY / networks.width) ** 2)
     rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
     start = networks.theta.clone()
     n_surface = round(batch * SURFACE)
+    pulled = torch.zeros(len(networks), dtype=torch.bool)
     for step in range(1, steps + 1):
         done = max((step - 1) / steps, deadline.passed())
         if done >= 1:
@@ -55,6 +64,7 @@ def tune(
         if (step - 1) % AT_ONCE == 0:
             batches = iter(composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - step + 1), rng))
         gradient, loss = composite.gradient(networks, next(batches))
+        pulled |= gradient.any(dim=1).cpu()
         if held is not None:
             gradient.masked_fill_(held, 0)
         optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
@@ -64,3 +74,7 @@ def tune(
             if not (math.isfinite(loss) and bool(torch.isfinite(networks.theta).all())):
                 raise EncodeError(f"the joint fit diverged at step {step}; try another --seed")
             on_step(step, loss)
+        if step % AT_ONCE == 0:
+            if held is None and step > EARLY and not pulled.all():
+                raise IdleNetworkError(int(pulled.long().argmin()))
+            pulled.zero_()

@@ -22,14 +22,15 @@ from cndhf_codec.encoder.joint import width_for
 from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.read import read_mesh
+from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
 from cndhf_codec.encoder.samples import FarSpace, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
 from cndhf_codec.encoder.soap import Soap
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
-from cndhf_codec.encoder.tune import tune
+from cndhf_codec.encoder.tune import IdleNetworkError, tune
 from cndhf_codec.errors import EncodeError, OptionError
-from cndhf_codec.format.constants import MAX_SYMBOL
+from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
 
 CPU = torch.device("cpu")
 SMALL = replace(settings.PRESETS["default"], batch=512, rounds=2, round_steps=30)
@@ -414,6 +415,54 @@ def test_of_equal_trials_the_one_with_more_axes_is_chosen(solid, monkeypatch):
     monkeypatch.setattr(AxisCosts, "floor", lambda self, chosen: 0.01)
     job = job_of(solid, replace(SMALL, target_size=4096, max_axes=3))
     assert len(joint.make_plan(job, Deadline()).frames) == 3
+
+
+def test_a_network_that_no_sample_pulls_at_is_idle(composite, monkeypatch):
+    real = Composite.gradient
+
+    def gradient(self, nets, batch):
+        found, loss = real(self, nets, batch)
+        found[1] = 0
+        return found, loss
+
+    monkeypatch.setattr(Composite, "gradient", gradient)
+    nets, quiet = networks(), lambda step, loss: None
+    with pytest.raises(IdleNetworkError) as found:
+        tune(nets, composite, 64, 1000, 1e-3, 0, quiet, Deadline())
+    assert found.value.number == 1
+    # Between rounds all of its weights may be held.
+    tune(nets, composite, 64, 1000, 1e-3, 0, quiet, Deadline(), torch.zeros(nets.theta.shape, dtype=torch.bool))
+
+
+def test_an_idle_field_is_left_out_and_the_others_are_wider(solid, frames, monkeypatch):
+    tried: list[joint.Plan] = []
+
+    def fit(job, plan, deadline):
+        tried.append(plan)
+        if len(plan.frames) == 2:
+            raise IdleNetworkError(0)
+        return "networks", "composite", 0.0
+
+    monkeypatch.setattr(joint, "fit_plan", fit)
+    job = job_of(solid, replace(SMALL, target_size=4096))
+    first = joint.Plan(frames[:2], width_for(job.settings, 2, 30), 0.0, 1.0, 1.0)
+    plan, *rest = joint.fit_needed(job, first, Deadline())
+    assert rest == ["networks", "composite", 0.0]
+    assert plan is tried[1]
+    assert plan.frames == [frames[1]]
+    assert plan.width == width_for(job.settings, 1, 30) > first.width
+    # A trial says that such a set of axes is not worth its bytes.
+    assert joint._trial(job, first, 10, Deadline()) == np.inf
+
+
+def test_a_network_that_hardly_matters_is_not_rounded_to_nothing():
+    nets = networks(count=2)
+    size = nets.theta.shape[1]
+    logs = relative_steps(nets, [[np.eye(size), 1e-12 * np.eye(size)]])
+    sizes = np.array(nets.sizes) / size
+    assert (logs[1] - logs[0]) @ sizes == pytest.approx(COARSEST)
+    codes = step_codes(nets, logs, 6.0)
+    assert (codes[0] - codes[1]).max() <= COARSEST * STEPS_PER_OCTAVE + 1
 
 
 def test_the_width_follows_from_the_size():

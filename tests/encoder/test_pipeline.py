@@ -13,9 +13,9 @@ from test_read import lumps, write_every_format
 from cndhf_codec import encode, loads
 from cndhf_codec.decoder.meshfile import write_mesh
 from cndhf_codec.encoder import settings
-from cndhf_codec.encoder.pipeline import encode_with_report
+from cndhf_codec.encoder.pipeline import Report, encode_with_report
 from cndhf_codec.encoder.read import read_mesh
-from cndhf_codec.encoder.verify import surface_distances
+from cndhf_codec.encoder.verify import Distances, surface_distances
 from cndhf_codec.errors import InputError, MeshError, OptionError
 
 # A twentieth of the work of the default preset, and good to about a hundredth of the size.
@@ -237,3 +237,9 @@ def test_corpus(corpus, name):
     np.testing.assert_allclose(mesh.bounds, truth.bounds, atol=0.005 * np.linalg.norm(truth.extents))
     volumes = sorted(abs(p.volume) for p in mesh.split(only_watertight=False))
     assert sum(volumes[:-1]) <= 0.001 * volumes[-1]
+
+
+def test_a_result_far_from_the_input_is_told():
+    report = Report(SMALL, visible=1.0, diagonal=2.0, distances=Distances(0.05, 0.2, 0.3))
+    assert report.warnings == ["the result is far from the input, 2.5 % of its diagonal on average; try another --seed"]
+    assert replace(report, distances=Distances(0.03, 0.2, 0.3)).warnings == []
