@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from .heights import Frame
 from .solid import Solid
-from .verify import point_distances
 
 AT_WALLS, WALL = 0.25, 0.01  # share of the uniform samples near the walls of the domain boxes, and how near
 AROUND, SHELL = 0.15, 0.05  # share of the uniform samples just outside the input's bounding box, and how far
@@ -76,7 +75,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
         cosine=np.abs(normals[keep] @ axes.T).astype(np.float32),
         space=space.astype(np.float32),
         excluded=excluded_points(solid, frames, space),
-        distance=point_distances(space, solid.vertices, solid.faces).astype(np.float32),
+        distance=solid.distances(space).astype(np.float32),
         box=box.astype(np.float32),
     )
 
@@ -108,7 +107,7 @@ class FarSpace:
             uvz = centres @ f.rotation.T
             near_boxes &= ((uvz > f.bounds[:, 0] - reach) & (uvz < f.bounds[:, 1] + reach)).all(axis=1)
         corners, centres = corners[near_boxes], centres[near_boxes]
-        clear = point_distances(centres, solid.vertices, solid.faces) > reach + CLEAR
+        clear = solid.distances(centres) > reach + CLEAR
         clear[clear] = excluded_points(solid, frames, centres[clear]).any(axis=1)
         self._corners = corners[clear]
 
@@ -128,7 +127,7 @@ class FarSpace:
     def truth(self, points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
         """Which DHFs exclude each of some drawn points, (N, K), and its distance from the surface, (N,)."""
         wide = points.astype(np.float64)
-        distance = point_distances(wide, self._solid.vertices, self._solid.faces)
+        distance = self._solid.distances(wide)
         return excluded_points(self._solid, self._frames, wide), distance.astype(np.float32)
 
 

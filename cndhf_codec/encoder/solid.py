@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..errors import require
 from .repair import repair
+from .verify import point_distances
 
 RAYS_AT_ONCE = 2**18
 # A patch more of whose rays from outside than this meet it from behind has no inside. Measured: a bunny with holes in
@@ -68,9 +69,25 @@ class Solid:
     def contains(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
         """Inside test: the winding number is above 1/2. That closes holes of the surface, and takes overlapping parts
         as one. Barill et al., "Fast Winding Numbers for Soups and Clouds" (2018)."""
+        return self._winding_numbers(points) > 0.5
+
+    def distances(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+        """(N,) distance of points (N, 3) from the solid's boundary: from its faces, and about that from what closes its
+        holes, to which faces may be far.
+
+        At a height h over the middle of a round hole, and a distance d from its rim, the winding number w is
+        1/2 +- h / 2d, so that d |2 w - 1| is h.
+        """
+        wide = np.ascontiguousarray(points, dtype=np.float64)
+        distance = point_distances(wide, self.vertices, self.faces)
+        if self.repaired.open_patch.any():
+            distance *= np.minimum(np.abs(2 * self._winding_numbers(wide) - 1), 1)
+        return distance
+
+    def _winding_numbers(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
         igl = require("igl", "encode")
         wide = np.ascontiguousarray(points, dtype=np.float64)
-        return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide) > 0.5)
+        return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide))
 
     def _look_from_outside(self) -> npt.NDArray[np.bool_]:
         """Casts rays from outside; sets `behind`, `open` and `sheet`. Returns the faces whose patch is seen mostly from

@@ -36,6 +36,20 @@ def test_inside_a_sphere(points):
     assert np.array_equal(solid_of(sphere).contains(points)[clear], (radius < 0.7)[clear])
 
 
+def test_a_closed_hole_is_a_part_of_the_boundary():
+    sphere = trimesh.creation.icosphere(5, 0.9)
+    whole = solid_of(sphere)
+    sphere.update_faces(sphere.triangles_center[:, 2] > -0.72)
+    holed = solid_of(sphere)
+    heights = np.array([-0.3, -0.1, -0.02, 0.02, 0.1])
+    points = np.stack([np.zeros(5), np.zeros(5), heights - 0.72], axis=1)
+    np.testing.assert_allclose(holed.distances(points), np.abs(heights), atol=0.01)
+    # The faces themselves are as far as the rim. Above the hole all is inside, below it nothing.
+    assert (np.linalg.norm(points - (0.54, 0, -0.72), axis=1) > 0.5).all()
+    assert holed.contains(points).tolist() == [False, False, False, True, True]
+    np.testing.assert_allclose(whole.distances(points), np.abs(0.9 + points[:, 2]), atol=0.005)
+
+
 def test_first_hits():
     solid = solid_of(trimesh.creation.box((1, 1, 1)))
     origins = [[0.1, 0.2, 2], [0.1, 0.2, -2], [0.7, 0.2, 2]]
