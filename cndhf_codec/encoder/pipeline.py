@@ -23,7 +23,7 @@ from .settings import Settings, settings_for
 from .verify import Distances, surface_distances
 
 VERIFY_SHARE = 0.1  # of a time limit
-POOR = 0.02  # a larger mean error, of the diagonal, is that of a failed fit
+POOR = 0.025  # a larger mean error, of the diagonal, is that of a failed fit
 UNSEEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
 
 

@@ -1,0 +1,85 @@
+"""The published method beside ours at equal parameters.
+
+    python tools/bench/equal_parameters.py results/0.1 armadillo horse --budgets 4096,8192
+
+For every file of preset `default` that tools/bench/rate_distortion.py has left in <out>/files, a `paper` file is made
+of as many double height fields as the published method takes, and as narrow as gives it no fewer parameters than
+ours. Both are decoded and measured as that tool does it. Writes <out>/equal_parameters.tsv; what it already has is not
+done again.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+import cndhf_codec
+from cndhf_codec.encoder.axes import choose_axes
+from cndhf_codec.encoder.prepare import prepare
+from cndhf_codec.encoder.read import read_mesh
+from cndhf_codec.encoder.settings import settings_for
+from cndhf_codec.format.container import parameter_count
+
+sys.path.insert(0, str(Path(__file__).parent))
+from rate_distortion import mesh_path, row
+
+COLUMNS = (
+    *("mesh", "budget", "our fields", "our width", "our parameters", "our bytes", "our CD"),
+    *("paper fields", "paper width", "paper parameters", "paper bytes", "paper CD", "ours over paper"),
+)
+
+
+def measured(model: cndhf_codec.Model, name: str, prefix: str) -> dict[str, object]:
+    surface = model.to_mesh(384)
+    out = np.asarray(surface.vertices), np.asarray(surface.faces)
+    return {
+        f"{prefix} fields": len(model.container.dhfs),
+        f"{prefix} width": model.container.dhfs[0].width,
+        f"{prefix} parameters": model.info["parameters"],
+        f"{prefix} bytes": model.info["bytes"],
+        f"{prefix} CD": float(row(read_mesh(mesh_path(name)), out, {})["CD"]),
+    }
+
+
+def compare(out: Path, name: str, budget: int) -> dict[str, object]:
+    ours = cndhf_codec.load(out / "files" / f"{mesh_path(name).stem}-default-{budget}.cndhf")
+    settings = settings_for("paper")
+    solid = prepare(mesh_path(name)).solid
+    axes = choose_axes(solid, 0, 1, settings.rarity, settings.coverage, settings.max_axes).axes
+    width = 4
+    while len(axes) * parameter_count(width, settings.hidden_layers) < ours.info["parameters"]:
+        width += 1
+    paper = cndhf_codec.encode(mesh_path(name), "paper", width=width)
+    found = {"mesh": name, "budget": budget, **measured(ours, name, "our"), **measured(paper, name, "paper")}
+    return {**found, "ours over paper": f"{found['our CD'] / found['paper CD']:.3f}"}
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path, exists=True))
+@click.argument("names", nargs=-1, required=True)
+@click.option("--budgets", default="4096,8192", show_default=True, help="Bytes of our files.")
+def main(out: Path, names: tuple[str, ...], budgets: str) -> None:
+    target = out / "equal_parameters.tsv"
+    rows: list[dict[str, object]] = []
+    if target.exists():
+        with target.open(newline="", encoding="utf-8") as file:
+            rows += csv.DictReader(file, delimiter="\t")
+    have = {(r["mesh"], str(r["budget"])) for r in rows}
+    work = [(n, b) for b in budgets.split(",") for n in names if (n, b) not in have]
+    for name, budget in tqdm(work, unit="file"):
+        rows.append(compare(out, name, int(budget)))
+        lines = ["\t".join(str(r[c]) for c in COLUMNS) for r in rows]
+        target.write_text("\n".join(["\t".join(COLUMNS), *lines]) + "\n", encoding="utf-8")
+    for budget in budgets.split(","):
+        shares = [float(str(r["ours over paper"])) for r in rows if str(r["budget"]) == budget]
+        if shares:
+            click.echo(f"{budget} bytes: ours over paper, mean of {len(shares)}: {np.mean(shares):.3f}")
+
+
+if __name__ == "__main__":
+    main()
