@@ -50,7 +50,9 @@ class Report:
         return [*self.assumptions, *hidden_warning(self.visible), *self._poor()]
 
     def _poor(self) -> list[str]:
-        if self.distances is None or self.distances.chamfer <= POOR * self.diagonal:
+        # What is hidden comes back filled, and that is told: say a quarter of the diagonal away, in one direction of two.
+        allowed = POOR + (1 - self.visible) / 8
+        if self.distances is None or self.distances.chamfer <= allowed * self.diagonal:
             return []
         share = 100 * self.distances.chamfer / self.diagonal
         return [f"the result is far from the input, {share:.1f} % of its diagonal on average; try another --seed"]

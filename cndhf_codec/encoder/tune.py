@@ -45,7 +45,7 @@ def tune(
     for fewer steps, when the deadline comes first. Networks wider than STEADY take less, by the square of the width.
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges, and, with no weight
-    held, IdleNetworkError when no sample of AT_ONCE steps has pulled at a network.
+    held, IdleNetworkError when no sample of AT_ONCE steps has pulled at one of several networks.
     """
     rate *= min(1.0, (STEADY / networks.width) ** 2)
     rng = np.random.default_rng(seed)
@@ -75,6 +75,6 @@ def tune(
                 raise EncodeError(f"the joint fit diverged at step {step}; try another --seed")
             on_step(step, loss)
         if step % AT_ONCE == 0:
-            if held is None and step > EARLY and not pulled.all():
+            if held is None and step > EARLY and len(networks) > 1 and not pulled.all():
                 raise IdleNetworkError(int(pulled.long().argmin()))
             pulled.zero_()

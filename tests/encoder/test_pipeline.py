@@ -243,3 +243,4 @@ def test_a_result_far_from_the_input_is_told():
     report = Report(SMALL, visible=1.0, diagonal=2.0, distances=Distances(0.06, 0.2, 0.3))
     assert report.warnings == ["the result is far from the input, 3.0 % of its diagonal on average; try another --seed"]
     assert replace(report, distances=Distances(0.05, 0.2, 0.3)).warnings == []
+    assert len(replace(report, visible=0.8).warnings) == 1  # a fifth is hidden, which is told and explains it
