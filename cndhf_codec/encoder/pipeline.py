@@ -50,7 +50,7 @@ class Report:
         return [*self.assumptions, *hidden_warning(self.visible), *self._poor()]
 
     def _poor(self) -> list[str]:
-        # What is hidden comes back filled, and that is told: say a quarter of the diagonal away, in one direction of two.
+        # What is hidden comes back filled, which is told: say a quarter of the diagonal away, in one direction of two.
         allowed = POOR + (1 - self.visible) / 8
         if self.distances is None or self.distances.chamfer <= allowed * self.diagonal:
             return []
