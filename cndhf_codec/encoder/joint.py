@@ -107,7 +107,7 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     most = 1 if costs.visible == 0 else settings.max_axes or 1
     options: list[Plan] = []
     for count in range(1, most + 1):
-        width = settings.width or width_for(settings, count, job.metadata_bytes)
+        width = width_for(settings, count, job.metadata_bytes)
         if width < LEAST_WIDTH:
             break
         for chosen in costs.sets(count):
@@ -147,7 +147,9 @@ def _predicted(plan: Plan, trial: float, shrink: float) -> float:
 
 
 def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
-    """The width at which `count` networks fill the target size at the preset's bits a weight."""
+    """The width asked for, or that at which `count` networks fill the target size at the preset's bits a weight."""
+    if settings.width is not None:
+        return settings.width
     assert settings.target_size is not None
     room = settings.target_size * AIM - FILE_BYTES - metadata_bytes - count * DHF_BYTES
     parameters = room * 8 / settings.bits / count
@@ -171,8 +173,7 @@ def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks
         except IdleNetworkError as idle:
             # Rounding would take an idle network for one that may be rounded as coarsely as one likes.
             frames = [f for k, f in enumerate(plan.frames) if k != idle.number]
-            width = job.settings.width or width_for(job.settings, len(frames), job.metadata_bytes)
-            plan = replace(plan, frames=frames, width=width)
+            plan = replace(plan, frames=frames, width=width_for(job.settings, len(frames), job.metadata_bytes))
 
 
 def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Composite, float]:

@@ -45,15 +45,21 @@ def _inlined_in_written_order(function: Function) -> Function:
 
 
 @_inlined_in_written_order
+def _less_quarters(a: np.float32, k: np.float32) -> np.float32:
+    """a - k pi / 2 for a whole k, pi / 2 in three parts. Range reduction of Moshier's Cephes library (sinf, cosf)."""
+    r = a - k * np.float32(1.5703125)
+    r -= k * np.float32(4.837512969970703e-4)
+    return r - k * np.float32(7.549789948768648e-8)
+
+
+@_inlined_in_written_order
 def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
-    """Of z[:, :n]; to 1e-7 for |z| < 1000. Range reduction and polynomials of Moshier's Cephes library (sinf, cosf)."""
+    """Of z[:, :n]; to 1e-7 for |z| < 1000. Polynomials of the Cephes library, too."""
     for j in range(z.shape[0]):
         for t in range(n):
             a = z[j, t]
             k = np.rint(a * np.float32(0.6366197723675814))
-            r = a - k * np.float32(1.5703125)
-            r -= k * np.float32(4.837512969970703e-4)
-            r -= k * np.float32(7.549789948768648e-8)
+            r = _less_quarters(a, k)
             q = r * r
             s = np.float32(8.3321608736e-3) - q * np.float32(1.9515295891e-4)
             s = r + r * q * (q * s - np.float32(1.6666654611e-1))
@@ -72,9 +78,7 @@ def sine_in_place(z: F32, n: int) -> None:
         for t in range(n):
             a = z[j, t]
             k = np.rint(a * np.float32(0.3183098861837907))
-            r = a - k * np.float32(3.140625)
-            r -= k * np.float32(9.67502593994140625e-4)
-            r -= k * np.float32(1.5099579909783765e-7)
+            r = _less_quarters(a, k + k)
             q = r * r
             s = np.float32(2.60005465e-6) * q - np.float32(1.98066151e-4)
             s = s * q + np.float32(8.33301729e-3)

@@ -120,8 +120,7 @@ class FarSpace:
         points = uvz @ self._frames[0].rotation
         inside = np.ones(count, dtype=bool)
         for f in self._frames[1:]:
-            for x, (lo, hi) in zip((points @ f.rotation.T).T, f.bounds, strict=True):
-                inside &= (x >= lo) & (x <= hi)
+            inside &= _in_box(f, points)
         return points[inside].astype(np.float32)
 
     def truth(self, points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
@@ -154,14 +153,21 @@ def visible_points(
     return solid.first_hits(points + OFFSET * normals, toward) < 0
 
 
+def _in_box(frame: Frame, points: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which of points (N, 3) are in the frame's domain box."""
+    inside = np.ones(len(points), dtype=bool)
+    for x, (lo, hi) in zip((points @ frame.rotation.T).T, frame.bounds, strict=True):
+        inside &= (x >= lo) & (x <= hi)
+    return inside
+
+
 def _in_boxes(frames: list[Frame], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
     lo, hi = frames[0].bounds.T
     parts: list[npt.NDArray[np.float64]] = []
     while sum(map(len, parts)) < count:
         p = (lo + rng.random((count, 3)) * (hi - lo)) @ frames[0].rotation
         for f in frames[1:]:
-            uvz = p @ f.rotation.T
-            p = p[((uvz >= f.bounds[:, 0]) & (uvz <= f.bounds[:, 1])).all(axis=1)]
+            p = p[_in_box(f, p)]
         parts.append(p)
     return np.concatenate(parts)[:count]
 

@@ -52,7 +52,7 @@ def tune(
     optimiser = Soap(networks)
     start = networks.theta.clone()
     n_surface = round(batch * SURFACE)
-    pulled = torch.zeros(len(networks), dtype=torch.bool)
+    pulled = torch.zeros(len(networks), dtype=torch.bool, device=networks.theta.device)
     for step in range(1, steps + 1):
         done = max((step - 1) / steps, deadline.passed())
         if done >= 1:
@@ -64,8 +64,9 @@ def tune(
         if (step - 1) % AT_ONCE == 0:
             batches = iter(composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - step + 1), rng))
         gradient, loss = composite.gradient(networks, next(batches))
-        pulled |= gradient.any(dim=1).cpu()
-        if held is not None:
+        if held is None:
+            pulled |= gradient.any(dim=1)
+        else:
             gradient.masked_fill_(held, 0)
         optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
         if held is not None:
@@ -74,7 +75,7 @@ def tune(
             if not (math.isfinite(loss) and bool(torch.isfinite(networks.theta).all())):
                 raise EncodeError(f"the joint fit diverged at step {step}; try another --seed")
             on_step(step, loss)
-        if step % AT_ONCE == 0:
-            if held is None and step > EARLY and len(networks) > 1 and not pulled.all():
+        if held is None and step % AT_ONCE == 0:
+            if step > EARLY and len(networks) > 1 and not pulled.all():
                 raise IdleNetworkError(int(pulled.long().argmin()))
             pulled.zero_()

@@ -10,7 +10,6 @@ done again.
 
 from __future__ import annotations
 
-import csv
 import sys
 from pathlib import Path
 
@@ -21,12 +20,12 @@ from tqdm import tqdm
 import cndhf_codec
 from cndhf_codec.encoder.axes import choose_axes
 from cndhf_codec.encoder.prepare import prepare
-from cndhf_codec.encoder.read import read_mesh
+from cndhf_codec.encoder.read import Mesh, read_mesh
 from cndhf_codec.encoder.settings import settings_for
 from cndhf_codec.format.container import parameter_count
 
 sys.path.insert(0, str(Path(__file__).parent))
-from rate_distortion import mesh_path, row
+from rate_distortion import Row, load_rows, mesh_path, row, save_rows
 
 COLUMNS = (
     *("mesh", "budget", "our fields", "our width", "our parameters", "our bytes", "our CD"),
@@ -34,19 +33,19 @@ COLUMNS = (
 )
 
 
-def measured(model: cndhf_codec.Model, name: str, prefix: str) -> dict[str, object]:
+def measured(model: cndhf_codec.Model, mesh: Mesh, prefix: str) -> Row:
     surface = model.to_mesh(384)
     out = np.asarray(surface.vertices), np.asarray(surface.faces)
     return {
-        f"{prefix} fields": len(model.container.dhfs),
-        f"{prefix} width": model.container.dhfs[0].width,
-        f"{prefix} parameters": model.info["parameters"],
-        f"{prefix} bytes": model.info["bytes"],
-        f"{prefix} CD": float(row(read_mesh(mesh_path(name)), out, {})["CD"]),
+        f"{prefix} fields": str(len(model.container.dhfs)),
+        f"{prefix} width": str(model.container.dhfs[0].width),
+        f"{prefix} parameters": str(model.info["parameters"]),
+        f"{prefix} bytes": str(model.info["bytes"]),
+        f"{prefix} CD": row(mesh, out, {})["CD"],
     }
 
 
-def compare(out: Path, name: str, budget: int) -> dict[str, object]:
+def compare(out: Path, name: str, budget: str) -> Row:
     ours = cndhf_codec.load(out / "files" / f"{mesh_path(name).stem}-default-{budget}.cndhf")
     settings = settings_for("paper")
     solid = prepare(mesh_path(name)).solid
@@ -55,8 +54,9 @@ def compare(out: Path, name: str, budget: int) -> dict[str, object]:
     while len(axes) * parameter_count(width, settings.hidden_layers) < ours.info["parameters"]:
         width += 1
     paper = cndhf_codec.encode(mesh_path(name), "paper", width=width)
-    found = {"mesh": name, "budget": budget, **measured(ours, name, "our"), **measured(paper, name, "paper")}
-    return {**found, "ours over paper": f"{found['our CD'] / found['paper CD']:.3f}"}
+    mesh = read_mesh(mesh_path(name))
+    found = {"mesh": name, "budget": budget, **measured(ours, mesh, "our"), **measured(paper, mesh, "paper")}
+    return {**found, "ours over paper": f"{float(found['our CD']) / float(found['paper CD']):.3f}"}
 
 
 @click.command()
@@ -65,18 +65,14 @@ def compare(out: Path, name: str, budget: int) -> dict[str, object]:
 @click.option("--budgets", default="4096,8192", show_default=True, help="Bytes of our files.")
 def main(out: Path, names: tuple[str, ...], budgets: str) -> None:
     target = out / "equal_parameters.tsv"
-    rows: list[dict[str, object]] = []
-    if target.exists():
-        with target.open(newline="", encoding="utf-8") as file:
-            rows += csv.DictReader(file, delimiter="\t")
-    have = {(r["mesh"], str(r["budget"])) for r in rows}
+    rows = load_rows(target)
+    have = {(r["mesh"], r["budget"]) for r in rows}
     work = [(n, b) for b in budgets.split(",") for n in names if (n, b) not in have]
     for name, budget in tqdm(work, unit="file"):
-        rows.append(compare(out, name, int(budget)))
-        lines = ["\t".join(str(r[c]) for c in COLUMNS) for r in rows]
-        target.write_text("\n".join(["\t".join(COLUMNS), *lines]) + "\n", encoding="utf-8")
+        rows.append(compare(out, name, budget))
+        save_rows(target, rows, COLUMNS)
     for budget in budgets.split(","):
-        shares = [float(str(r["ours over paper"])) for r in rows if str(r["budget"]) == budget]
+        shares = [float(r["ours over paper"]) for r in rows if r["budget"] == budget]
         if shares:
             click.echo(f"{budget} bytes: ours over paper, mean of {len(shares)}: {np.mean(shares):.3f}")
 

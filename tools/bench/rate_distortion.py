@@ -91,6 +91,11 @@ def load_rows(path: Path) -> list[Row]:
         return list(csv.DictReader(file, delimiter="\t"))
 
 
+def save_rows(path: Path, rows: list[Row], columns: tuple[str, ...]) -> None:
+    text = "\n".join("\t".join(r[c] for c in columns) for r in [dict(zip(columns, columns, strict=True)), *rows])
+    path.write_text(text + "\n", encoding="utf-8")
+
+
 def envelope(rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:
     """Bytes and CD of the points that no point of fewer bytes beats."""
     points = sorted((int(r["bytes"]), float(r["CD"])) for r in rows)
@@ -176,8 +181,7 @@ def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, jobs: int
                 failed.append(str(error))
                 continue
             rows += done.result()
-            text = "\n".join("\t".join(r[c] for c in COLUMNS) for r in rows)
-            store.write_text("\t".join(COLUMNS) + "\n" + text + "\n", encoding="utf-8")
+            save_rows(store, rows, COLUMNS)
             write_ratios(out, rows)
     for name in names:
         plot(out, name, rows)
