@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     help="Cut the fit short to keep to it; equal seeds then no longer give equal bytes.",
 )
 @click.option("--seed", type=int, default=0, help="Equal seeds give equal bytes on one kind of machine.")
-@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Where to fit.")
+@click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="Where to fit; cuda is slower.")
 @click.option("--threads", type=int, help="Threads to use.  [default: all]")
 @click.option("--source-name", is_flag=True, help="Write the input's file name into the output.")
 @click.option("--overwrite", is_flag=True, help="Replace OUTPUT if it exists.")

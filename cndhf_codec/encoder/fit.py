@@ -28,12 +28,12 @@ REPORT_EVERY = 20  # steps
 
 
 def choose_device(name: str) -> torch.device:
-    """The torch device for "auto", "cpu" or "cuda". Raises OptionError when there is no such device."""
-    if name not in ("auto", "cpu", "cuda"):
-        raise OptionError(f"device is {name!r}; there are auto, cpu, cuda")
+    """The torch device for "cpu" or "cuda". Raises OptionError when there is no such device."""
+    if name not in ("cpu", "cuda"):
+        raise OptionError(f"device is {name!r}; there are cpu, cuda")
     if name == "cuda" and not torch.cuda.is_available():
-        raise OptionError("device is 'cuda', but torch sees no CUDA device; use auto or cpu")
-    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+        raise OptionError("device is 'cuda', but torch sees no CUDA device; use cpu")
+    return torch.device(name)
 
 
 @contextmanager

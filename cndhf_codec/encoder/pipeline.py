@@ -80,7 +80,7 @@ def encode(
     thicken: float | str | None = None,
     time_limit: float | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str = "cpu",
     threads: int | None = None,
     source_name: bool = False,
     progress: Progress = silent,
@@ -95,7 +95,7 @@ def encode(
     found that keeps to it, by several encodes. EncodeError when none does.
     thicken: the thickness of a wall that open sheets get, which have no inside otherwise; a length as in target_error.
     time_limit: seconds; the fit is cut short to keep to it, so that bytes then depend on the machine's speed.
-    seed: equal seeds give equal bytes on the same kind of machine. device: "auto", "cpu" or "cuda".
+    seed: equal seeds give equal bytes on the same kind of machine. device: "cpu" or "cuda", which is slower.
     threads: how many to use, all by default; the result does not depend on it. source_name: write the
     source's file name into the file. Raises a subclass of CndhfError.
     """
@@ -129,7 +129,7 @@ def encode_with_report(
     thicken: float | str | None = None,
     time_limit: float | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str = "cpu",
     threads: int | None = None,
     source_name: bool = False,
     progress: Progress = silent,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import require
 from .heights import Frame
 from .solid import Solid
 
@@ -20,7 +21,33 @@ AT_WALLS, WALL = 0.25, 0.01  # share of the uniform samples near the walls of th
 AROUND, SHELL = 0.15, 0.05  # share of the uniform samples just outside the input's bounding box, and how far
 OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
 CLEAR = 0.02  # least distance of FarSpace from the surface
+OTHER_SIDE = 0.1  # most distance at which the other side of the exact height fields is looked for
 NEAR_SPREADS = (0.01, 0.04)  # standard deviations of the off-surface points' distance from the surface
+
+
+class Sides:
+    """Points of space on the two sides of the exact height fields. Where these fill what no axis sees, their surface
+    is far from every face, and it is the nearest point of the other side that tells how far."""
+
+    def __init__(self, space: npt.NDArray[np.floating], excluded: npt.NDArray[np.bool_]) -> None:
+        """space: (M, 3). excluded: (M, K) by which DHF."""
+        outside = excluded.any(axis=1)
+        spatial = require("scipy.spatial", "encode")
+        self._trees = [spatial.KDTree(space[outside == side]) for side in (False, True)]
+
+    def nearer(
+        self,
+        points: npt.NDArray[np.floating],
+        excluded: npt.NDArray[np.bool_],
+        distance: npt.NDArray[np.float64],
+    ) -> npt.NDArray[np.float64]:
+        """(N,) distance of points (N, 3) from the faces, or from the nearest point of the other side, if that is
+        less."""
+        outside, least = excluded.any(axis=1), distance.copy()
+        for side, others in ((True, self._trees[0]), (False, self._trees[1])):
+            at = np.flatnonzero(outside == side)
+            least[at] = np.minimum(least[at], others.query(points[at], distance_upper_bound=OTHER_SIDE)[0])
+        return least
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +56,8 @@ class Samples:
 
     surface: (N, 3) float32. seen: (N, K) whether DHF k sees the point. cosine: (N, K) float32 |normal . axis|.
     space: (M, 3) float32. excluded: (M, K) whether DHF k's exact heights leave the point out. distance: (M,) float32
-    to the surface. A point of space is inside when no DHF excludes it. box: (2, 3) bounding box of the input.
+    to the surface. A point of space is inside when no DHF excludes it. sides: the points of space. box: (2, 3) bounding
+    box of the input.
     """
 
     surface: npt.NDArray[np.float32]
@@ -38,6 +66,7 @@ class Samples:
     space: npt.NDArray[np.float32]
     excluded: npt.NDArray[np.bool_]
     distance: npt.NDArray[np.float32]
+    sides: Sides
     box: npt.NDArray[np.float32]
 
     def in_random_order(self, rng: np.random.Generator) -> Samples:
@@ -49,6 +78,7 @@ class Samples:
             self.space[off],
             self.excluded[off],
             self.distance[off],
+            self.sides,
             self.box,
         )
 
@@ -69,13 +99,16 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     uniform = _at_walls(_in_boxes(frames, count - half, rng), frames, rng)
     space = np.concatenate([near, _around(uniform, box, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
+    excluded = excluded_points(solid, frames, space)
+    sides = Sides(space, excluded)
     return Samples(
         surface=points[keep].astype(np.float32),
         seen=seen[keep],
         cosine=np.abs(normals[keep] @ axes.T).astype(np.float32),
         space=space.astype(np.float32),
-        excluded=excluded_points(solid, frames, space),
-        distance=solid.distances(space).astype(np.float32),
+        excluded=excluded,
+        distance=sides.nearer(space, excluded, solid.distances(space)).astype(np.float32),
+        sides=sides,
         box=box.astype(np.float32),
     )
 
@@ -93,9 +126,9 @@ def excluded_points(solid: Solid, frames: list[Frame], points: npt.NDArray[np.fl
 class FarSpace:
     """The cells of a grid over all domain boxes that keep clear of the solid: whatever is inside there is a floater."""
 
-    def __init__(self, solid: Solid, frames: list[Frame], cells: int = 64) -> None:
-        """cells: of the grid, on a side."""
-        self._solid, self._frames = solid, frames
+    def __init__(self, solid: Solid, frames: list[Frame], sides: Sides, cells: int = 64) -> None:
+        """sides: the samples of space. cells: of the grid, on a side."""
+        self._solid, self._frames, self._sides = solid, frames, sides
         lo, hi = frames[0].bounds.T
         self._cell = (hi - lo) / cells
         grid = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -107,9 +140,12 @@ class FarSpace:
             uvz = centres @ f.rotation.T
             near_boxes &= ((uvz > f.bounds[:, 0] - reach) & (uvz < f.bounds[:, 1] + reach)).all(axis=1)
         corners, centres = corners[near_boxes], centres[near_boxes]
-        clear = solid.distances(centres) > reach + CLEAR
-        clear[clear] = excluded_points(solid, frames, centres[clear]).any(axis=1)
-        self._corners = corners[clear]
+        distance = solid.distances(centres)
+        clear = distance > reach + CLEAR
+        corners, centres, distance = corners[clear], centres[clear], distance[clear]
+        excluded = excluded_points(solid, frames, centres)
+        far = sides.nearer(centres, excluded, distance) > reach + CLEAR
+        self._corners = corners[far & excluded.any(axis=1)]
 
     def draw(self, count: int, rng: np.random.Generator) -> npt.NDArray[np.float32]:
         """(n, 3) about `count` points, fewer where a cell juts out of a box; normalised frame."""
@@ -126,8 +162,9 @@ class FarSpace:
     def truth(self, points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
         """Which DHFs exclude each of some drawn points, (N, K), and its distance from the surface, (N,)."""
         wide = points.astype(np.float64)
-        distance = self._solid.distances(wide)
-        return excluded_points(self._solid, self._frames, wide), distance.astype(np.float32)
+        excluded = excluded_points(self._solid, self._frames, wide)
+        distance = self._sides.nearer(wide, excluded, self._solid.distances(wide))
+        return excluded, distance.astype(np.float32)
 
 
 def surface_points(

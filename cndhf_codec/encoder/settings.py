@@ -122,7 +122,7 @@ PRESETS: dict[str, Settings] = {
         round_steps=250,
     ),
     "default": _DEFAULT,
-    "best": replace(_DEFAULT, steps=1000, trial_steps=1000, tune_steps=100_000, batch=8192, rounds=5, round_steps=5000),
+    "best": replace(_DEFAULT, steps=1000, trial_steps=1000, tune_steps=100_000, rounds=5, round_steps=5000),
 }
 
 

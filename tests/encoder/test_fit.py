@@ -133,7 +133,6 @@ def test_divergence_is_an_error(targets, optimiser):
 
 def test_devices():
     assert choose_device("cpu") == CPU
-    assert choose_device("auto").type in ("cpu", "cuda")
     with pytest.raises(OptionError, match="device is 'tpu'"):
         choose_device("tpu")
 
@@ -142,7 +141,6 @@ def test_cuda_where_there_is_none(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(OptionError, match="no CUDA device"):
         choose_device("cuda")
-    assert choose_device("auto") == CPU
 
 
 def test_torch_and_numpy_agree_on_the_network():

@@ -56,8 +56,8 @@ def samples(solid, frames):
 
 
 @pytest.fixture(scope="module")
-def far(solid, frames):
-    return FarSpace(solid, frames)
+def far(solid, frames, samples):
+    return FarSpace(solid, frames, samples.sides)
 
 
 @pytest.fixture(scope="module")
@@ -239,6 +239,26 @@ def test_far_space_is_empty_and_in_all_boxes(solid, frames, far):
     excluded, distance = far.truth(points[:1000].astype(np.float32))
     assert excluded.any(axis=1).mean() > 0.99
     np.testing.assert_allclose(distance**2, squared[:1000], atol=1e-6)
+
+
+def test_what_an_axis_fills_has_a_boundary_too(solid):
+    # Askew, the corners under the arms are filled, up to walls that hang from the arms' ends, far from every face.
+    frames = [frame_for_axis(np.array([1.0, 0.0, 1.0]) / np.sqrt(2), solid.vertices)]
+    samples = draw_samples(solid, frames, 4000, 0)
+    outside, points = samples.excluded.any(axis=1), samples.space.astype(float)
+    faces = solid.distances(points)
+    apart = np.linalg.norm(points[outside][:, None] - points[~outside][None], axis=2)
+    for side, nearest in ((outside, apart.min(axis=1)), (~outside, apart.min(axis=0))):
+        expected = np.where(nearest < 0.1, np.minimum(nearest, faces[side]), faces[side])
+        np.testing.assert_allclose(samples.distance[side], expected, atol=1e-5)
+        assert (samples.distance[side] < faces[side] - 0.05).sum() > 5
+    again, distance = FarSpace(solid, frames, samples.sides).truth(samples.space)
+    np.testing.assert_array_equal(again.any(axis=1), outside)
+    np.testing.assert_allclose(distance, samples.distance, atol=1e-5)
+
+
+def test_where_all_is_seen_only_faces_count(solid, samples):
+    np.testing.assert_allclose(samples.distance, solid.distances(samples.space.astype(float)), atol=1e-5)
 
 
 def test_a_floater_is_hunted_down(composite):

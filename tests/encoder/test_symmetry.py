@@ -97,7 +97,8 @@ def test_samples_of_both_sides_are_one():
     image = replace(
         samples, surface=(samples.surface - 2 * ((samples.surface - SHIFT) @ TURN[:, :1]) * TURN[:, 0]).astype("f4")
     )
-    here, there = (Composite(x, FarSpace(s, frames, 8), frames, torch.device("cpu"), Team(1)) for x in (samples, image))
+    far = FarSpace(s, frames, samples.sides, 8)
+    here, there = (Composite(x, far, frames, torch.device("cpu"), Team(1)) for x in (samples, image))
     torch.testing.assert_close(here._surface[0], there._surface[0], atol=2e-4, rtol=0)
     assert (here._surface[1] - there._surface[1]).abs().max() > 0.1
 
