@@ -13,7 +13,9 @@ import torch
 from .kernel import F32, add_product, compiled, inlined
 from .siren import Networks
 
-BETA = np.float32(0.95)  # of both moments and of the preconditioner
+# Steps that both moments and the preconditioner remember, about. In networks wider than WIDE they are out of date
+# sooner: by the fourth power of the width.
+MEMORY, LEAST_MEMORY, WIDE = 20.0, 4.0, 24
 EPSILON = np.float32(1e-8)
 SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest entry
 FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
@@ -30,6 +32,7 @@ class Soap:
         starts = np.cumsum([0, *networks.sizes])
         self._places = np.array([(starts[i], *shape) for i, shape in enumerate(networks.shapes) if len(shape) == 2])
         self._step = 0
+        self._fade = np.float32(1 / max(MEMORY * min(1.0, (WIDE / networks.width) ** 4), LEAST_MEMORY))
         self._first, self._second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
         # Of each matrix, for its rows and for its columns; what is beyond its size is not used.
         shape = (len(networks), len(self._places), 2, networks.width, networks.width)
@@ -39,13 +42,14 @@ class Soap:
         """One step along `gradient`, (K, P). The first call only sets up the eigenbasis."""
         g = gradient.detach().cpu().numpy()
         if not self._bases.any():
-            _first_bases(g, self._places, self._grams, self._bases)
+            _first_bases(g, self._places, self._fade, self._grams, self._bases)
             return
         self._step += 1
-        correction = 1 - float(BETA) ** self._step
+        correction = 1 - (1 - float(self._fade)) ** self._step
         scale = np.float32(rate * correction**0.5 / correction)
         refresh = self._step % REFRESH == 0
-        move = _move(g, self._places, self._grams, self._bases, self._first, self._second, scale, refresh)
+        state = self._grams, self._bases, self._first, self._second
+        move = _move(g, self._places, self._fade, *state, scale, refresh)
         self._theta.sub_(torch.from_numpy(move).to(self._theta.device))
 
 
@@ -59,17 +63,17 @@ def _product(A: F32, B: F32, out: F32) -> None:
 
 
 @inlined
-def _add_to_grams(g: F32, left: F32, right: F32) -> None:
+def _add_to_grams(g: F32, fade: np.float32, left: F32, right: F32) -> None:
     """Move the grams a little towards those of g: g g^T and g^T g."""
     rows, columns = g.shape
     for i in range(rows):
         for j in range(rows):
-            left[i, j] *= BETA
-    add_product((1 - BETA) * g, g.T.copy(), left, rows)
+            left[i, j] *= np.float32(1) - fade
+    add_product(fade * g, g.T.copy(), left, rows)
     for i in range(columns):
         for j in range(columns):
-            right[i, j] *= BETA
-    add_product((1 - BETA) * g.T.copy(), g, right, columns)
+            right[i, j] *= np.float32(1) - fade
+    add_product(fade * g.T.copy(), g, right, columns)
 
 
 @inlined
@@ -111,12 +115,12 @@ def _iterate(gram: F32, basis: F32) -> None:
 
 
 @compiled
-def _first_bases(gradient: F32, places: Places, grams: F32, bases: F32) -> None:
+def _first_bases(gradient: F32, places: Places, fade: np.float32, grams: F32, bases: F32) -> None:
     for k in range(len(gradient)):
         for m in range(len(places)):
             at, rows, columns = places[m]
             g = gradient[k, at : at + rows * columns].reshape(rows, columns)
-            _add_to_grams(g, grams[k, m, 0], grams[k, m, 1])
+            _add_to_grams(g, fade, grams[k, m, 0], grams[k, m, 1])
             for side in range(2):
                 n = rows if side == 0 else columns
                 basis = bases[k, m, side, :n, :n]
@@ -128,7 +132,15 @@ def _first_bases(gradient: F32, places: Places, grams: F32, bases: F32) -> None:
 
 @compiled
 def _move(
-    gradient: F32, places: Places, grams: F32, bases: F32, first: F32, second: F32, scale: np.float32, refresh: bool
+    gradient: F32,
+    places: Places,
+    fade: np.float32,
+    grams: F32,
+    bases: F32,
+    first: F32,
+    second: F32,
+    scale: np.float32,
+    refresh: bool,
 ) -> F32:
     """(K, P): what a step takes from the weights. Brings the moments, in the eigenbasis, and the grams up to date, and
     then the bases where they are to be refreshed."""
@@ -140,13 +152,13 @@ def _move(
         for m in range(len(places)):
             at, rows, columns = places[m]
             g = gradient[k, at : at + rows * columns].reshape(rows, columns)
-            _add_to_grams(g, grams[k, m, 0], grams[k, m, 1])
+            _add_to_grams(g, fade, grams[k, m, 0], grams[k, m, 1])
             _product(bases[k, m, 0, :rows, :rows].T.copy(), g, half)
             to = rotated[k, at : at + rows * columns].reshape(rows, columns)
             _product(half[:rows, :columns], bases[k, m, 1, :columns, :columns], to)
         for i in range(P):
-            first[k, i] += (1 - BETA) * (rotated[k, i] - first[k, i])
-            second[k, i] += (1 - BETA) * (rotated[k, i] * rotated[k, i] - second[k, i])
+            first[k, i] += fade * (rotated[k, i] - first[k, i])
+            second[k, i] += fade * (rotated[k, i] * rotated[k, i] - second[k, i])
             move[k, i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
         for m in range(len(places)):
             at, rows, columns = places[m]
