@@ -189,6 +189,11 @@ def test_soap_rotates_and_finds_the_minimum():
     assert loss(nets.theta) < 1e-3 * start
 
 
+@pytest.mark.parametrize(("width", "steps"), [(9, 20), (24, 20), (30, 8.2), (60, 4)])
+def test_soap_forgets_sooner_in_wide_networks(width, steps):
+    assert 1 / Soap(networks(width=width))._fade == pytest.approx(steps, abs=0.01)
+
+
 def test_samples_are_what_the_axes_can_say(solid, frames, samples):
     both = trimesh.Trimesh(solid.vertices, solid.faces)
     squared = igl.point_mesh_squared_distance(samples.surface.astype(float), solid.vertices, solid.faces)[0]
