@@ -33,7 +33,7 @@ class Sides:
         """space: (M, 3). excluded: (M, K) by which DHF."""
         outside = excluded.any(axis=1)
         spatial = require("scipy.spatial", "encode")
-        self._trees = [spatial.KDTree(space[outside == side]) for side in (False, True)]
+        self._others = [(side, spatial.KDTree(space[outside != side])) for side in (False, True)]
 
     def nearer(
         self,
@@ -44,7 +44,7 @@ class Sides:
         """(N,) distance of points (N, 3) from the faces, or from the nearest point of the other side, if that is
         less."""
         outside, least = excluded.any(axis=1), distance.copy()
-        for side, others in ((True, self._trees[0]), (False, self._trees[1])):
+        for side, others in self._others:
             at = np.flatnonzero(outside == side)
             least[at] = np.minimum(least[at], others.query(points[at], distance_upper_bound=OTHER_SIDE)[0])
         return least
