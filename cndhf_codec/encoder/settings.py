@@ -11,6 +11,7 @@ from ..format.constants import MAX_DHFS, MAX_FILE_SIZE, MAX_WIDTH
 LEAST_SIZE = 400  # bytes; below this the header is most of the file
 REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps are taken as they are
 MOST_STEPS = 3.0  # times as many are taken at smaller sizes
+DEAREST_SIZE = 16384  # bytes up to which larger sizes get more steps; beyond, a step takes too long
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,15 @@ class Settings:
     verify_resolution: int
 
     def for_size(self) -> Settings:
-        """With more joint steps at smaller sizes, where they take less time each, and fewer at larger ones."""
+        """With more joint steps at smaller sizes, where they take less time each, and at larger ones, where networks
+        have more to learn; fewer again beyond DEAREST_SIZE."""
         if self.target_size is None:
             return self
-        factor = min(math.sqrt(REFERENCE_SIZE / self.target_size), MOST_STEPS)
+        ratio = self.target_size / REFERENCE_SIZE
+        if ratio < 1:
+            factor = min(math.sqrt(1 / ratio), MOST_STEPS)
+        else:
+            factor = math.sqrt(min(ratio, (DEAREST_SIZE / REFERENCE_SIZE) ** 2 / ratio))
         return replace(self, tune_steps=round(self.tune_steps * factor), round_steps=round(self.round_steps * factor))
 
 

@@ -56,7 +56,8 @@ def test_out_of_range(arguments, message):
         settings_for(*arguments)
 
 
-def test_smaller_networks_take_more_steps():
-    steps = [settings_for("default", target_size=n).for_size().tune_steps for n in (32_768, 8192, 2048, 400)]
-    assert steps == [20_000, 40_000, 80_000, 120_000]
+def test_narrow_networks_take_more_steps_and_wide_ones_too_up_to_the_dearest_size():
+    sizes = (400, 2048, 8192, 12_000, 16_384, 32_768, 131_072)
+    steps = [settings_for("default", target_size=n).for_size().tune_steps for n in sizes]
+    assert steps == [120_000, 80_000, 40_000, 48_412, 56_569, 40_000, 20_000]
     assert settings_for("default", width=9).for_size().tune_steps == 40_000
