@@ -27,7 +27,7 @@ OUTSIDE, INSIDE = 0, 1  # rows of values that stand for all bricks without surfa
 # Field values, in spacings, are kept between these magnitudes. The lower one keeps a surface vertex from
 # falling on a grid node, the upper one lets a DHF be left out where it is not near its surface.
 LEAST, MOST = 0.01, 4.0
-BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**15, 2**11
+BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**17, 5 * 2**10
 
 # The nodes of a brick, (64, 3), last index fastest.
 LOCAL = np.indices((BRICK,) * 3, dtype=np.int32).reshape(3, -1).T
@@ -63,7 +63,8 @@ class Band:
         x, y, z = corners // BRICK
         bx, by, bz = x // CHILDREN, y // CHILDREN, z // CHILDREN
         child = ((x - CHILDREN * bx) * CHILDREN + y - CHILDREN * by) * CHILDREN + z - CHILDREN * bz
-        return self._bricks[self._blocks[bx, by, bz], child]
+        _, ny, nz = self._blocks.shape
+        return self._bricks.take(self._blocks.take((bx * ny + by) * nz + bz) * LOCAL.shape[0] + child)
 
     def dense(self) -> npt.NDArray[np.bool_]:
         """Whether f >= 0 at every node of the grid."""
@@ -91,13 +92,12 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     bricks = np.concatenate([np.full((1, 64), k, np.int32) for k in (OUTSIDE, INSIDE)] + [rows.reshape(-1, 64)])
 
     corners = np.concatenate([np.zeros((2, 3), np.int32), corners[chosen]])
-    least = np.concatenate([np.zeros((len(least), 2), bool), least[:, chosen]], axis=1)
+    least = np.concatenate([np.zeros((*least.shape[:2], 2), bool), least[..., chosen]], axis=2)
     values = np.full((len(corners), LOCAL.shape[0]), MOST, dtype=np.float32)
     values[OUTSIDE] = -MOST
     holders = np.full(values.shape, NOBODY, dtype=np.uint8)
     band = Band(grid, corners, values, holders, blocks, bricks)
-    for k, (dhf, table) in enumerate(zip(dhfs, tables, strict=True)):
-        _lower(band, np.flatnonzero(least[k]), k, dhf, table)
+    _fill(band, least, dhfs, tables)
     _close(band)
     np.maximum(values, -MOST, out=values)
     small = np.abs(values) < LEAST
@@ -110,27 +110,22 @@ def _sift(
 ) -> tuple[I32, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
     """Bounds of f over blocks of side^3 nodes and the nodes next to them.
 
-    Returns for each block OUTSIDE, INSIDE, or 2, 3, ... in turn; (DHFs, N) whether a DHF's part of f may be below
-    MOST there; and which blocks are neither outside nor inside.
+    Returns for each block OUTSIDE, INSIDE, or 2, 3, ... in turn; (DHFs, 2, N) whether z - near and far - z of a DHF
+    may be below MOST there; and which blocks are neither outside nor inside.
     """
     # An edge of the grid that changes sign belongs to two nodes: with a node more on each side, a block that has
     # none is one that no such edge touches.
     half = (side + 1) / 2 * grid.spacing
     centres = grid.origin + grid.spacing * (corners + (side - 1) / 2)
-    bounds: dict[int, HeightBounds] = {}
-
-    def bound(first: int, last: int) -> None:
-        for k in range(first, last):
-            bounds[k] = HeightBounds(tables[k], 2 * half * np.abs(dhfs[k].rotation[:2]).sum(axis=1))
-
-    over_rows(bound, len(dhfs), 1)
-    least = np.empty((len(dhfs), len(corners)), dtype=bool)
+    sizes = [2 * half * np.abs(dhf.rotation[:2]).sum(axis=1) for dhf in dhfs]
+    bounds = [HeightBounds(table, size) for table, size in zip(tables, sizes, strict=True)]
+    least = np.empty((len(dhfs), 2, len(corners)), dtype=bool)
     lower, upper = (np.full(len(corners), np.inf, dtype=np.float32) for _ in range(2))
 
     def work(first: int, last: int) -> None:
         for k, dhf in enumerate(dhfs):
-            lo, hi = dhf_bounds(dhf, bounds[k], centres[first:last], half)
-            least[k, first:last] = lo < MOST * grid.spacing
+            sides, lo, hi = dhf_bounds(dhf, bounds[k], centres[first:last], half)
+            least[k, :, first:last] = sides < MOST * grid.spacing
             np.minimum(lower[first:last], lo, out=lower[first:last])
             np.minimum(upper[first:last], hi, out=upper[first:last])
 
@@ -144,40 +139,66 @@ def _sift(
     return rows, least, chosen
 
 
-def dhf_bounds(dhf: Dhf, bounds: HeightBounds, centres: npt.NDArray[np.float64], half: float) -> tuple[F32, F32]:
-    """Lower and upper bounds of a DHF's f, from its table, in cubes of the grid's orientation (N,), (N,)."""
+def dhf_bounds(dhf: Dhf, bounds: HeightBounds, centres: npt.NDArray[np.float64], half: float) -> tuple[F32, F32, F32]:
+    """Bounds from a DHF's table in cubes of the grid's orientation.
+
+    Lower bounds (2, N) of z - near and far - z, and lower and upper bounds (N,) of f.
+    """
     # 1e-5: what float32 may be off by, here and at the nodes.
     reach = (half * np.abs(dhf.rotation).sum(axis=1) + 1e-5).astype(np.float32)[:, None]
     uvz = product(dhf.rotation, centres.T).astype(np.float32)
     lo, hi = uvz - reach, uvz + reach
     heights = bounds(lo[0], lo[1])
-    lower = np.minimum(heights[:, 1] - hi[2], lo[2] - heights[:, 2])
-    upper = np.minimum(heights[:, 3] - lo[2], hi[2] - heights[:, 0])
+    sides = np.stack([lo[2] - heights[2], heights[1] - hi[2]])
+    lower = sides.min(axis=0)
+    upper = np.minimum(heights[3] - lo[2], hi[2] - heights[0])
     for a, b, (near, far) in zip(lo, hi, dhf.bounds, strict=True):
         np.minimum(lower, np.minimum(a - near, far - b), out=lower)
         np.minimum(upper, np.minimum(b - near, far - a), out=upper)
-    return lower, upper
+    return sides, lower, upper
 
 
-def _lower(band: Band, rows: npt.NDArray[np.int64], number: int, dhf: Dhf, table: HeightTable) -> None:
-    """Lower the values in these rows to the f of the DHF of a number, in spacings; it holds what it lowers."""
-    grid, values, holders = band.grid, band.values, band.holders
-    offsets = ((LOCAL * grid.spacing) @ dhf.rotation.T).astype(np.float32)
+def _fill(band: Band, least: npt.NDArray[np.bool_], dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) -> None:
+    """Lower the values to the DHFs' f, in spacings; to z - near and far - z where `least` (DHFs, 2, bricks) says so."""
+    grid = band.grid
+    nodes = (grid.origin + grid.spacing * band.corners).T
+    bases = [product(dhf.rotation, nodes).astype(np.float32) for dhf in dhfs]
+    offsets = [((LOCAL * grid.spacing) @ dhf.rotation.T).astype(np.float32).T for dhf in dhfs]
+    rows = [[np.flatnonzero(side) for side in sides] for sides in least]
+    steps = [[table.steps(base[k], k) for k in range(2)] for table, base in zip(tables, bases, strict=True)]
 
+    # In threads there are only operations on long arrays: between shorter ones they wait for the interpreter's lock.
     def work(first: int, last: int) -> None:
-        part = rows[first:last]
-        base = product(dhf.rotation, (grid.origin + grid.spacing * band.corners[part]).T).astype(np.float32)
-        u, v, z = ((base[k, :, None] + offsets[:, k]).ravel() for k in range(3))
-        near, far = table(u, v)
-        f = dhf.least(u, v, z, near, far)
-        f /= np.float32(grid.spacing)
-        f = f.reshape(-1, len(LOCAL))
-        before, held = values[part], holders[part]
-        held[f < before] = number
-        holders[part] = held
-        values[part] = np.minimum(before, f, out=f)
+        for k, table in enumerate(tables):
+            for side in range(2):
+                part = rows[k][side][slice(*np.searchsorted(rows[k][side], (first, last)))]
+                u, v = ((steps[k][j].take(part)[:, None] + offsets[k][j] / table.step[j]).ravel() for j in range(2))
+                height = table.height(side, u, v)
+                z = (bases[k][2].take(part)[:, None] + offsets[k][2]).ravel()
+                _lower(band, part, k, height - z if side else z - height)
 
-    over_rows(work, len(rows), BRICKS_AT_ONCE)
+    over_rows(work, len(band.values), BRICKS_AT_ONCE)
+
+    most = MOST * grid.spacing  # a wall of a DHF's box that is farther away does not matter
+    for k, (dhf, base, offset) in enumerate(zip(dhfs, bases, offsets, strict=True)):
+        lo, hi = (dhf.bounds[:, j, None] for j in range(2))
+        beside = base < lo + most - offset.min(axis=1, keepdims=True)
+        beside |= base > hi - most - offset.max(axis=1, keepdims=True)
+        beside[:, : INSIDE + 1] = False
+        part = np.flatnonzero(beside.any(axis=0))
+        inner = (base.take(part, axis=1)[..., None] + offset[:, None]).reshape(3, -1)
+        _lower(band, part, k, np.minimum(inner - lo, hi - inner).min(axis=0))
+
+
+def _lower(band: Band, rows: npt.NDArray[np.int64], number: int, f: F32) -> None:
+    """Lower the values in these rows to the f of the DHF of a number; it holds what it lowers. Overwrites f."""
+    f /= np.float32(band.grid.spacing)
+    f = f.reshape(-1, len(LOCAL))
+    before, held = band.values.take(rows, axis=0), band.holders.take(rows, axis=0)
+    # An assignment by mask takes ten times as long: which of two is lower, no processor can predict.
+    held += (f < before) * (np.uint8(number) - held)
+    band.holders[rows] = held
+    band.values[rows] = np.minimum(before, f, out=f)
 
 
 def _close(band: Band) -> None:

@@ -26,7 +26,7 @@ CORNERS = tuple(product((0, 1), repeat=3))
 STRIDES = (4, 2, 1)
 EDGES = tuple((c, axis) for c in range(8) for axis in range(3) if not CORNERS[c][axis])
 Triangle = tuple[int, int, int]
-CELLS_AT_ONCE = 2**15
+CELLS_AT_ONCE = 2**14
 
 # A brick's nodes and those just above it, (125, 3): whose brick each is (by corner), and its number in it.
 PADDED = np.indices((BRICK + 1,) * 3).reshape(3, -1).T
@@ -34,7 +34,11 @@ WHOSE = (PADDED // BRICK) @ STRIDES
 NUMBER = (PADDED % BRICK) @ (BRICK * BRICK, BRICK, 1)
 PADDED_STRIDES = np.array([(BRICK + 1) ** 2, BRICK + 1, 1])
 OWN = LOCAL @ PADDED_STRIDES  # (64,) the brick's own nodes in that order
-FAR_END = (OWN[:, None] + PADDED_STRIDES).ravel()  # (192,) of the edge 3 * node + axis
+FAR_END = (OWN + PADDED_STRIDES[:, None]).ravel()  # (192,) of the edge 64 * axis + node
+
+# A brick's nodes are the bits of a word. By axis: how many bits a step along it is, and the nodes farthest along it.
+SHIFTS = (BRICK * BRICK, BRICK, 1)
+LAST = [sum(1 << i for i, node in enumerate(LOCAL) if node[axis] == BRICK - 1) for axis in range(3)]
 
 
 def surface_edges(band: Band) -> tuple[I32, I32, I64]:
@@ -44,79 +48,91 @@ def surface_edges(band: Band) -> tuple[I32, I32, I64]:
     the band's brick in that row; the axes (N,) of those edges; and triangles (M, 3) of their numbers, seen
     anticlockwise from outside.
     """
-    row = np.arange(INSIDE + 1, len(band.values))
     # The bricks at a brick's eight corners (0, 0, 0), (0, 0, 1), ...: those that hold the nodes just above it.
     # Bricks last: numpy is fast along long last dimensions.
+    row = np.arange(INSIDE + 1, len(band.values), dtype=np.int32)
     steps = np.array(CORNERS, dtype=np.int32).T * BRICK
     beside = band.rows(np.ascontiguousarray(band.corners[row].T)[:, None] + steps[..., None])
-    own = band.values >= 0
-    # 0 all outside, 1 all inside, 2 both: only a brick that has both, with those beside it, can have a crossing.
-    kind = np.where(own.all(axis=1), 1, np.where(own.any(axis=1), 2, 0)).astype(np.int8)[beside]
-    both = np.flatnonzero((kind.max(axis=0) == 2) | (kind.min(axis=0) != kind.max(axis=0)))
-    row, beside = row[both], beside.take(both, axis=1)
-    place = np.zeros(len(band.values), dtype=np.int32)  # of a row in `row`
-    place[row] = np.arange(len(row))
 
-    n = len(row)
-    inside = np.empty(((BRICK + 1,) * 3 + (n,)), dtype=bool)
-    own = np.ascontiguousarray(own.T).reshape(BRICK, BRICK, BRICK, -1)
-    for k, corner in enumerate(CORNERS):
-        to = tuple(slice(BRICK, None) if c else slice(0, BRICK) for c in corner)
-        of = tuple(slice(0, 1) if c else slice(None) for c in corner)
-        inside[to] = own[of].take(beside[k], axis=-1)
-    crossed = np.empty((*(BRICK,) * 3, 3, n), dtype=bool)
-    here = inside[:BRICK, :BRICK, :BRICK]
-    case = np.zeros(here.shape, dtype=np.uint8)
-    for k, (x, y, z) in enumerate(CORNERS):
-        there = inside[x : x + BRICK, y : y + BRICK, z : z + BRICK]
-        case |= there.view(np.uint8) << k
-        if k in STRIDES:
-            np.not_equal(here, there, out=crossed[..., STRIDES.index(k), :])
-    at = np.flatnonzero(crossed)
-    edge, brick = np.divmod(at.astype(np.int32), n)
-    number = np.zeros(crossed.size, dtype=np.int32)
+    inside = np.packbits(band.values >= 0, axis=1, bitorder="little").view("<u8")[:, 0].astype(np.uint64)
+    corner = inside[beside]
+    for shift, last, stride in zip(SHIFTS, LAST, STRIDES, strict=True):
+        for c in (c for c in range(8) if not c & stride):
+            here, ahead = corner[c] >> np.uint64(shift), corner[c + stride] << np.uint64((BRICK - 1) * shift)
+            corner[c + stride] = (here & ~np.uint64(last)) | (ahead & np.uint64(last))
+    # Now a node's bit in corner[c] says whether corner c of the cell at that node is inside.
+    mixed = np.bitwise_or.reduce(corner) & ~np.bitwise_and.reduce(corner)
+    some = np.flatnonzero(mixed)
+    row, beside, corner = row[some], np.ascontiguousarray(beside.T[some]), corner[:, some]
+
+    crossed = np.stack([corner[0] ^ corner[stride] for stride in STRIDES], axis=1)
+    at = np.flatnonzero(_bits(crossed))
+    number = np.empty(crossed.size * len(LOCAL), dtype=np.int32)
     number[at] = np.arange(len(at))
+    brick, edge = np.divmod(at.astype(np.int32), len(FAR_END))
+    place = np.zeros(len(band.values), dtype=np.int32)  # of a brick's first number
+    place[row] = np.arange(0, len(number), len(FAR_END))
+    place = place[beside].ravel()
 
-    start, whose, slot = case_table()
-    at = np.flatnonzero((case > 0) & (case < 255))
-    case = case.ravel()[at]
-    first_face = np.concatenate([[0], np.cumsum(start[1:][case] - start[case])])
-    triangle = start[case] - first_face[:-1]  # plus the number of a face: its row in the table
-    owner = place[beside].ravel()
+    at = np.flatnonzero(_bits(mixed[some]))
+    case = np.zeros(len(some) * len(LOCAL), dtype=np.uint8)
+    for k in range(8):
+        case |= _bits(corner[k]).view(np.uint8) << k
+    case = case[at]
+    count, start, whose, slot = case_table()
+    count, start = count[case], start[case]
+    first_face = np.zeros(len(at) + 1, dtype=np.int64)
+    np.cumsum(count, out=first_face[1:])
+    start -= first_face[:-1]  # plus the number of a face: its row in the table
     faces = np.empty((first_face[-1], 3), dtype=np.int64)
     ends = np.empty((len(edge), 2), dtype=np.int32)
 
     def find_faces(first: int, last: int) -> None:
-        count = np.diff(first_face[first : last + 1])
-        these = np.arange(first_face[first], first_face[last])
-        node, home = np.divmod(at[first:last], n)
-        row_of = np.repeat(node * len(whose[0]) + triangle[first:last], count) + these
-        brick_of = owner.take(np.repeat(home, count)[:, None] + n * whose.reshape(-1, 3).take(row_of, axis=0))
-        faces[these[0] : these[-1] + 1] = number.take(slot.reshape(-1, 3).take(row_of, axis=0) * n + brick_of)
+        these = slice(first_face[first], first_face[last])
+        cell = np.zeros(
+            these.stop - these.start, dtype=np.int64
+        )  # of each face; numpy.repeat lets no thread run beside
+        cell[first_face[first + 1 : last] - these.start] = 1
+        np.cumsum(cell, out=cell)
+        home, node = at[first:last] // len(LOCAL), at[first:last] % len(LOCAL)
+        row_of = (node * len(whose[0]) // len(LOCAL) + start[first:last]).take(cell)
+        row_of += np.arange(these.start, these.stop)
+        home = (home * len(CORNERS)).take(cell)
+        at_edge = whose.take(row_of, axis=1) + home
+        at_edge = place.take(at_edge)
+        at_edge += slot.take(row_of, axis=1)
+        for k, numbers in enumerate(at_edge):  # numpy is slow along rows of three
+            faces[these, k] = number.take(numbers)
 
     def find_ends(first: int, last: int) -> None:
-        far = FAR_END[edge[first:last]]
-        ends[first:last, 0] = row[brick[first:last]] * len(LOCAL) + edge[first:last] // 3
-        ends[first:last, 1] = beside[WHOSE[far], brick[first:last]] * len(LOCAL) + NUMBER[far]
+        far, home = FAR_END[edge[first:last]], brick[first:last]
+        ends[first:last, 0] = row[home] * len(LOCAL) + edge[first:last] % len(LOCAL)
+        ends[first:last, 1] = beside[home, WHOSE[far]] * len(LOCAL) + NUMBER[far]
 
     over_rows(find_faces, len(at), CELLS_AT_ONCE)
     over_rows(find_ends, len(edge), CELLS_AT_ONCE)
-    return ends, edge % 3, faces
+    return ends, edge // len(LOCAL), faces
+
+
+def _bits(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.bool_]:
+    """The bits of words, lowest first, one after the other."""
+    return np.unpackbits(words.astype("<u8").view(np.uint8), bitorder="little").view(bool)
 
 
 @lru_cache(maxsize=1)
-def case_table() -> tuple[I64, I64, I64]:
+def case_table() -> tuple[I64, I64, npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """The triangles of each case, for a cell at each of a brick's nodes.
 
-    Those of case c, the sum of 2^corner over the inside corners, are rows start[c] to start[c + 1] of (64, rows, 3)
-    whose and slot: by corner, whose brick the edge with that corner belongs to, and its number there, 3 * node + axis.
+    Those of case c, the sum of 2^corner over the inside corners, are count[c] rows from start[c] on of (3, 64, rows)
+    whose and slot: by corner, whose brick the edge with that corner belongs to, and its number there, 64 * axis + node.
     """
     cases = [_triangles(case) for case in range(256)]
     edges = np.array([t for case in cases for t in case])
-    start = np.concatenate([[0], np.cumsum([len(case) for case in cases])])
-    lower, axis = np.array(EDGES).T
-    padded = OWN[:, None, None] + (np.array(CORNERS) @ PADDED_STRIDES)[lower[edges]]
-    return start, WHOSE[padded], 3 * NUMBER[padded] + axis[edges]
+    count = np.array([len(case) for case in cases])
+    lower, axis = np.array(EDGES)[edges.T].transpose(2, 0, 1)[:, :, None]
+    padded = OWN[:, None] + (np.array(CORNERS) @ PADDED_STRIDES)[lower]
+    slot = NUMBER[padded] + len(LOCAL) * axis
+    return count, np.cumsum(count) - count, *(x.astype(np.uint8).reshape(3, -1) for x in (WHOSE[padded], slot))
 
 
 def _triangles(case: int) -> list[Triangle]:

@@ -92,9 +92,11 @@ def implicit(dhfs: Sequence[Dhf], points: F32) -> F32:
 
 def implicit_gradient(dhfs: Sequence[Dhf], points: F32) -> tuple[F32, F32]:
     """f (N,) and its gradient (N, 3) at points (N, 3) of the normalised frame."""
-    f, gradient = dhfs[0].implicit_gradient(points)
-    for dhf in dhfs[1:]:
-        other, other_gradient = dhf.implicit_gradient(points)
-        less = other < f
-        f[less], gradient[less] = other[less], other_gradient[less]
+    if len(dhfs) == 1:
+        return dhfs[0].implicit_gradient(points)
+    owner = np.argmin([dhf.implicit(points) for dhf in dhfs], axis=0)
+    f, gradient = np.empty(len(points), dtype=np.float32), np.empty((len(points), 3), dtype=np.float32)
+    for k, dhf in enumerate(dhfs):
+        rows = np.flatnonzero(owner == k)
+        f[rows], gradient[rows] = dhf.implicit_gradient(points[rows])
     return f, gradient

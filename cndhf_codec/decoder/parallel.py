@@ -19,10 +19,12 @@ _this_thread = threading.local()  # `.works`: it is one of those at work on rang
 def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
     """Call work(first, last) for equal ranges of at most `size` rows that cover 0 to n, on every processor.
 
+    There is one range for up to half of `size` rows, else an even number, so that two threads get as many. Let them
+    be few and long: a thread that ends one of numpy's operations may have to wait for the interpreter's lock.
     The ranges do not depend on the number of processors, so neither does what `work` writes. What `work` calls in
     turn stays in its thread: threads of threads would get in each other's way. Raises what `work` raises.
     """
-    parts = -(-n // size)
+    parts = min(n, 2 * -(-n // (2 * size)) if n > size // 2 else 1)
     ranges = iter([(n * k // parts, n * (k + 1) // parts) for k in range(parts)])
     threads = 1 if getattr(_this_thread, "works", False) else min(parts, processors())
     if threads < 2:

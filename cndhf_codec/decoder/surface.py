@@ -121,7 +121,8 @@ def _crossings(
         for _ in range(REFINEMENTS):
             points = origin.take(left, axis=1)
             now = t.take(left)
-            points[along.take(left), np.arange(len(left))] += now * np.float32(grid.spacing)
+            for k, x in enumerate(points):
+                x += (along.take(left) == k) * (now * np.float32(grid.spacing))
             ft = _exact(grid, dhfs, holders.take(left, axis=1), points)
             above = (ft > 0) == (fa > 0)  # the crossing lies between t and b
             fa, fb = np.where(above, ft, fa * (1 - again_a / 2)), np.where(above, fb * (1 - again_b / 2), ft)
@@ -136,7 +137,9 @@ def _crossings(
                 break
             fa, fb, a, b, again_a, again_b = (x.take(keep) for x in (fa, fb, a, b, ~above, above))
         found[first + left] = False
-        nodes[along, np.arange(len(t))] += np.clip(t, CLOSEST, 1 - CLOSEST) * grid.spacing
+        t = np.clip(t, CLOSEST, 1 - CLOSEST)
+        for k, x in enumerate(nodes):
+            x += (along == k) * (t * grid.spacing)
         out[first:last] = nodes.T
 
     over_rows(work, len(ends), REFINED_AT_ONCE)

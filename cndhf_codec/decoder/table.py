@@ -32,25 +32,39 @@ class HeightTable:
         u, v = (np.linspace(lo[k], hi[k], self.shape[k], dtype=np.float32) for k in range(2))
         heights = dhf.heights(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2))
         self.values = heights.T.reshape(2, *self.shape)  # near, far
-        self._pairs = np.empty(len(heights), dtype=np.complex64)  # the same as near + i far, for half the look-ups
-        self._pairs.real, self._pairs.imag = heights.T
 
     def __call__(self, u: F32, v: F32) -> tuple[F32, F32]:
         """(N,), (N,) -> near and far heights (N,) each; the table's last rows and columns go on beyond its edge."""
-        nu, nv = self.shape.tolist()
-        u, i = _cells(u, self.lo[0], self.step[0], nu - 1)
-        v, j = _cells(v, self.lo[1], self.step[1], nv - 1)
-        i *= nv
-        i += j
-        at = i.astype(np.intp)
-        pairs = self._pairs
-        a, b = pairs.take(at), pairs[nv:].take(at)
-        a += (pairs[1:].take(at) - a) * v
-        b += (pairs[nv + 1 :].take(at) - b) * v
+        near, far = (self.height(side, self.steps(u, 0), self.steps(v, 1)) for side in range(2))
+        return near, far
+
+    def steps(self, x: F32, axis: int) -> F32:
+        """u (axis 0) or v (axis 1) as steps from the first node."""
+        x = x - self.lo[axis]
+        x /= self.step[axis]
+        return x
+
+    def height(self, side: int, u: F32, v: F32) -> F32:
+        """Near (0) or far (1) height, as a call gives it, at u and v in steps, which are overwritten."""
+        cells = []
+        for x, nodes in zip((u, v), self.shape, strict=True):
+            # The largest number below the last node's is still in the last cell.
+            np.clip(x, 0, np.nextafter(np.float32(nodes - 1), np.float32(0)), out=x)
+            cells.append(x.astype(np.int32))
+            x -= cells[-1].astype(np.float32)
+        nv = int(self.shape[1])
+        at, j = cells
+        at *= nv
+        at += j
+        at = at.astype(np.intp)
+        heights = self.values[side].ravel()
+        a, b = heights.take(at), heights[nv:].take(at)
+        a += (heights[1:].take(at) - a) * v
+        b += (heights[nv + 1 :].take(at) - b) * v
         b -= a
         b *= u
         a += b
-        return a.real, a.imag
+        return a
 
     def solid_box(self, dhf: Dhf) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Lowest and highest corner, in the normalised frame, of the heights at nodes where far >= near.
@@ -87,26 +101,15 @@ class HeightBounds:
             for axis in (1, 2):
                 pooled = _sliding(_pooled(pooled, extremum, axis, self.pool), extremum, axis, int(windows[axis - 1]))
             bounds += list(pooled)
-        self.values = np.stack(bounds, axis=-1)
+        self.values = np.stack(bounds)
 
     def __call__(self, u: F32, v: F32) -> F32:
-        """Lowest corners u, v (N,) -> (N, 4): least near, least far, greatest near, greatest far height."""
+        """Lowest corners u, v (N,) -> (4, N): least near, least far, greatest near, greatest far height."""
         at = []
         for k, x in enumerate((u, v)):
             node = np.floor((x - self.lo[k]) / self.step[k] - np.float32(0.01))
             at.append(np.clip(node, 0, self.last[k]).astype(np.int32) // self.pool)
-        return self.values[at[0], at[1]]
-
-
-def _cells(x: F32, lo: np.float32, step: np.float32, cells: int) -> tuple[F32, npt.NDArray[np.int32]]:
-    """Which of a row of cells each x (N,) is in, and where in it, from 0 to 1; the first or the last beyond the row."""
-    x = x - lo
-    x /= step
-    # The largest number below `cells` is still in the last cell.
-    np.clip(x, 0, np.nextafter(np.float32(cells), np.float32(0)), out=x)
-    number = x.astype(np.int32)
-    x -= number.astype(np.float32)
-    return x, number
+        return self.values.reshape(4, -1).take(at[0] * self.values.shape[2] + at[1], axis=1)
 
 
 def _pooled(values: F32, extremum: Extremum, axis: int, size: int) -> F32:

@@ -87,14 +87,14 @@ def test_bounds_hold_everywhere_in_a_rectangle(size):
     points = corners[:, None] + rng.uniform(0, 1, (300, 400, 2)) * size
     near, far = (x.reshape(300, 400) for x in table(*points.reshape(-1, 2).T.astype(np.float32)))
     bounds = HeightBounds(table, np.array(size, dtype=np.float32))(*corners.T)
-    assert np.all(bounds[:, 0] <= near.min(axis=1))
-    assert np.all(bounds[:, 1] <= far.min(axis=1))
-    assert np.all(bounds[:, 2] >= near.max(axis=1))
-    assert np.all(bounds[:, 3] >= far.max(axis=1))
+    assert np.all(bounds[0] <= near.min(axis=1))
+    assert np.all(bounds[1] <= far.min(axis=1))
+    assert np.all(bounds[2] >= near.max(axis=1))
+    assert np.all(bounds[3] >= far.max(axis=1))
     # And they are bounds of little more than the rectangle.
     wider = HeightBounds(table, 1.5 * np.array(size, dtype=np.float32) + 0.2)(*(corners.T - np.float32(0.1)))
-    assert np.all(wider[:, 0] <= bounds[:, 0] + 1e-6)
-    assert np.all(wider[:, 3] >= bounds[:, 3] - 1e-6)
+    assert np.all(wider[0] <= bounds[0] + 1e-6)
+    assert np.all(wider[3] >= bounds[3] - 1e-6)
 
 
 def test_gradient_is_the_slope_of_the_heights():

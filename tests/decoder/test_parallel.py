@@ -12,8 +12,8 @@ from cndhf_codec.decoder.parallel import over_rows
 
 
 @pytest.mark.parametrize("processors", [1, 2, 5])
-@pytest.mark.parametrize("n", [0, 1, 10, 1001])
-def test_every_row_once_in_the_same_ranges(monkeypatch, processors, n):
+@pytest.mark.parametrize(("n", "parts"), [(0, 0), (1, 1), (5, 1), (6, 2), (10, 2), (21, 4), (1001, 102)])
+def test_every_row_once_in_the_same_ranges(monkeypatch, processors, n, parts):
     monkeypatch.setattr(parallel, "processors", lambda: processors)
     seen, ranges = np.zeros(n, int), []
 
@@ -23,8 +23,7 @@ def test_every_row_once_in_the_same_ranges(monkeypatch, processors, n):
 
     over_rows(work, n, 10)
     assert np.all(seen == 1)
-    # As few as have at most 10 rows each, about equally long, whatever the number of processors.
-    parts = -(-n // 10)
+    # About equally long, whatever the number of processors.
     assert sorted(ranges) == [(n * k // parts, n * (k + 1) // parts) for k in range(parts)]
     assert all(n // parts <= last - first <= 10 for first, last in ranges)
 

@@ -93,8 +93,8 @@ def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make):
 
     def unbounded(dhf, bounds, centres, half):
         looked_at.append(len(centres))
-        lower, upper = original(dhf, bounds, centres, half)
-        return np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
+        sides, lower, upper = original(dhf, bounds, centres, half)
+        return np.full_like(sides, -np.inf), np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
 
     monkeypatch.setattr(band, "dhf_bounds", unbounded)
     dense = model.to_mesh(60)
