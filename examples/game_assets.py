@@ -3,7 +3,7 @@
     python examples/game_assets.py MESHES KEPT BUILT [--preset fast] [--lods 3]
 
 MESHES holds .obj, .ply, .stl, .off or .glb; KEPT gets a .cndhf each, made again only when its mesh is newer; BUILT gets
-NAME.lod0.glb, NAME.lod1.glb, ... with normals, each with a quarter of the triangles of the one before.
+NAME.lod0.glb, NAME.lod1.glb, ... with the surface's normals, each with a quarter of the triangles of the one before.
 """
 
 from __future__ import annotations
@@ -23,16 +23,19 @@ def build(meshes: Path, kept: Path, built: Path, preset: str = "default", lods: 
     kept.mkdir(exist_ok=True)
     built.mkdir(exist_ok=True)
     failures = []
+    names: dict[str, str] = {}
     for source in sorted(p for p in meshes.iterdir() if p.suffix.lower() in EXTENSIONS):
+        if names.setdefault(source.stem, source.name) != source.name:
+            failures.append(f"{source.name}: has the name of {names[source.stem]}; rename one of them")
+            continue
         stored = kept / f"{source.stem}.cndhf"
         try:
             if not stored.exists() or stored.stat().st_mtime < source.stat().st_mtime:
                 cndhf_codec.encode(source, preset=preset).save(stored, overwrite=True)
             model = cndhf_codec.load(stored)
             for level in range(lods):
-                mesh = model.to_mesh(FINEST >> level)
-                _ = mesh.vertex_normals  # trimesh computes them on first use, and writes those that it has
-                write_mesh(mesh, built / f"{source.stem}.lod{level}.glb", overwrite=True)
+                mesh = model.to_mesh(FINEST >> level, normals=True)
+                write_mesh(mesh, built / f"{source.stem}.lod{level}.glb", overwrite=True, with_normals=True)
         except cndhf_codec.CndhfError as exc:
             failures.append(f"{source.name}: {exc}")
     return failures

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..errors import require
 from ..files import check_output, write_atomically
 
 
@@ -34,6 +35,7 @@ def command(a: Path, b: Path, as_json: bool, html: Path | None, up: str, resolut
 
     if html is not None:
         check_output(html, overwrite)
+        require("matplotlib", "report")  # a comparison takes its time: say first what is missing
     result = compare(read_shape(a, resolution), read_shape(b, resolution))
     if html is not None:
         from ..report.page import page

@@ -51,6 +51,8 @@ def _table(source: Path, info: dict[str, Any]) -> str:
             f"measured error, input units: mean {info['mean_error']:.4g}, p99 {info['p99_error']:.4g}, "
             f"maximum {info['max_error']:.4g}"
         )
+    else:
+        lines.append("error not measured")
     if info["encoder"] is not None:
         lines.append(f"written by {_printable(info['encoder'])}")
     if info["source"] is not None:

@@ -20,6 +20,7 @@ from .parallel import product
 
 CELLS = 128  # along the longest side of the solid
 BLOCK = 4  # cells along the edge of a block, the coarse level
+BLOCKS_AT_ONCE = 2**11  # divided into cells; memory
 PATCHES = 256  # along the longer side of a DHF's domain
 
 # A smooth function strays from the bilinear interpolation of a patch's corners by at most an eighth of its greatest
@@ -59,9 +60,10 @@ class CellGrid:
         states = np.empty((*n, BLOCK, BLOCK, BLOCK), np.uint8)
         states[...] = blocks[..., None, None, None]
         mixed = np.argwhere((blocks != OUTSIDE) & (blocks != INSIDE))
-        children = (mixed[:, None] * BLOCK + _indices([BLOCK] * 3)).reshape(-1, 3)
-        parents = np.repeat(blocks[tuple(mixed.T)], BLOCK**3)
-        states[tuple(mixed.T)] = self._states(bounds, children, 1, parents).reshape(-1, BLOCK, BLOCK, BLOCK)
+        for part in (mixed[k : k + BLOCKS_AT_ONCE] for k in range(0, len(mixed), BLOCKS_AT_ONCE)):
+            children = (part[:, None] * BLOCK + _indices([BLOCK] * 3)).reshape(-1, 3)
+            parents = np.repeat(blocks[tuple(part.T)], BLOCK**3)
+            states[tuple(part.T)] = self._states(bounds, children, 1, parents).reshape(-1, BLOCK, BLOCK, BLOCK)
         joined = states.transpose(0, 3, 1, 4, 2, 5).reshape(n * BLOCK)
         # A border of outside cells takes whatever lies beyond the box.
         self.shape = n * BLOCK + 2

@@ -17,7 +17,8 @@ class Limits:
     resolution: cells along the longest side of the solid.
     tables: double height fields times resolution squared. Their height tables take up to 256 bytes of memory for each.
     work: parameters times resolution squared. Up to 16 multiplications for each.
-    vertices: of a surface. Up to 250 bytes of memory for each; a file of noise has a vertex in every fourth cell.
+    vertices: of a surface, and of each solid that is intersected. Up to 250 bytes of memory for each, 2 KiB for those
+        of an intersection; a file of noise has a vertex in every fourth cell.
     nodes: of an occupancy grid. 2 bytes of memory for each.
 
     Up to a resolution of 256 the defaults refuse no valid file.

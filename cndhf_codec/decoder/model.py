@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
@@ -24,6 +25,7 @@ from .parallel import over_rows
 if TYPE_CHECKING:
     from .cells import CellGrid
     from .rays import RayHits
+    from .surface import Tabled
 
 # What only surfaces, many points or rays need is imported where it is used: to load a file should cost little.
 
@@ -32,7 +34,8 @@ CHUNK = 2**16  # points evaluated at once
 # to saying so.
 FAR = np.float32(2**20)
 CELLS_FROM = 2**18  # points asked for, over all calls, from which on cells are worth the time to make them
-ROUGH = 64  # resolution of the surface that an intersection is checked against
+ROUGH = 128  # resolution of the surface that an intersection is checked against
+KEPT = 512  # resolution up to which the height tables of the last surface are kept: some megabytes
 DEFAULT_ERROR = "0.02%"  # of an intersection: less than what the smallest files lose, by far
 
 
@@ -58,6 +61,7 @@ class Model:
         self._dhfs = [Dhf(record) for record in container.dhfs]
         self._centre = np.array(container.centre, dtype=np.float64)
         self._cells: CellGrid | None = None
+        self._tables: tuple[int, Tabled] | None = None
         self._asked = 0
         self._lock = threading.Lock()
 
@@ -108,11 +112,9 @@ class Model:
         if not 0 <= i < len(self._dhfs):
             raise OptionError(f"there is no DHF {i}; this model has {len(self._dhfs)}")
         array = _last_dimension(uv, 2)
-        flat = array.reshape(-1, 2)
-        out = np.empty(flat.shape, dtype=np.float32)
-        for at in range(0, len(flat), CHUNK):
-            part = slice(at, at + CHUNK)
-            out[part] = self._dhfs[i].heights(flat[part].astype(np.float32))
+        out = np.empty((array.size // 2, 2), dtype=np.float32)
+        for first, last in _chunks(len(out)):
+            out[first:last] = self._dhfs[i].heights(_rows(array, first, last).astype(np.float32))
         return out.reshape(array.shape)
 
     @overload
@@ -130,17 +132,15 @@ class Model:
         Raises OptionError when the last dimension is not 3.
         """
         array = _last_dimension(points, 3)
-        flat = array.reshape(-1, 3)
-        out = np.empty(len(flat), dtype=np.float32)
-        slope = np.empty((len(flat) if gradient else 0, 3), dtype=np.float32)
-        for at in range(0, len(flat), CHUNK):
-            part = slice(at, at + CHUNK)
-            p = np.clip(self._normalised(flat[part]), -FAR, FAR)
+        out = np.empty(array.size // 3, dtype=np.float32)
+        slope = np.empty((len(out) if gradient else 0, 3), dtype=np.float32)
+        for first, last in _chunks(len(out)):
+            p = np.clip(self._normalised(_rows(array, first, last)), -FAR, FAR)
             if gradient:
-                f, slope[part] = implicit_gradient(self._dhfs, p)
+                f, slope[first:last] = implicit_gradient(self._dhfs, p)
             else:
                 f = implicit(self._dhfs, p)
-            out[part] = f * np.float32(self.container.scale)
+            out[first:last] = f * np.float32(self.container.scale)
         # By input coordinates, in input units: the scale of one cancels that of the other.
         shaped = out.reshape(array.shape[:-1])
         return (shaped, slope.reshape(array.shape)) if gradient else shaped
@@ -153,30 +153,30 @@ class Model:
         Raises OptionError when the last dimension is not 3.
         """
         array = _last_dimension(points, 3)
-        flat = array.reshape(-1, 3)
-        out = np.empty(len(flat), dtype=bool)
-        self._asked += len(flat)  # two threads at once may lose a count, which does no harm
+        out = np.empty(array.size // 3, dtype=bool)
+        self._asked += len(out)  # two threads at once may lose a count, which does no harm
         if self._cells is None and self._asked < CELLS_FROM:
-            return self.implicit(array) >= 0
+            return np.asarray(self.implicit(array) >= 0)
         cells = self._cell_grid()
 
         def work(first: int, last: int) -> None:
-            out[first:last] = cells.contains(self._normalised(flat[first:last]))
+            out[first:last] = cells.contains(self._normalised(_rows(array, first, last)))
 
-        over_rows(work, len(flat), CHUNK)
+        over_rows(work, len(out), CHUNK)
         return out.reshape(array.shape[:-1])
 
     def ray_intersect(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
         """Where rays first cross the surface: (distance, point, normal), in input coordinates and units.
 
-        origins, directions: (..., 3), of shapes that broadcast to one; directions of any length but zero.
+        origins, directions: (..., 3), of shapes that broadcast to one; directions of any finite length but zero.
         distance: (...,), at least 0, in input units and not in lengths of the direction; inf where a ray misses, and
         where it is not finite or its direction is zero. point, normal: (..., 3), NaN there. All are float32 when
         both arguments are, else float64. Normals face outward and are of length one.
         A ray that starts inside hits where it leaves the solid; its normal then points along it. One that starts on
         the surface may hit there.
         With s the longest side of the solid's box: points are within 2e-6 s of the surface, and so are distances but
-        where a ray grazes it. Where a ray goes in and out again within s / 1000, both crossings may be missed.
+        where a ray grazes it; float32 adds its own rounding, far from the origin more than that. Where a ray goes in
+        and out again within s / 1000, both crossings may be missed.
         Raises OptionError when a last dimension is not 3 or the shapes do not broadcast.
         """
         from .rays import RayHits, first_crossings
@@ -186,14 +186,16 @@ class Model:
             shape = np.broadcast_shapes(from_.shape, along.shape)
         except ValueError as exc:
             raise OptionError(f"origins {from_.shape} and directions {along.shape} do not broadcast") from exc
-        start, way = (np.broadcast_to(a, shape).reshape(-1, 3) for a in (from_, along))
-        dtype = np.result_type(start, way)
-        distance = np.full(len(start), np.inf, dtype)
-        point, normal = np.full((2, len(start), 3), np.nan, dtype)
+        start, way = (np.broadcast_to(a, shape) for a in (from_, along))
+        dtype = np.dtype(np.float32 if start.dtype == way.dtype == np.float32 else np.float64)
+        n = start.size // 3
+        distance = np.full(n, np.inf, dtype)
+        point, normal = (np.full((n, 3), np.nan, dtype) for _ in range(2))
         cells = self._cell_grid()
-        for at in range(0, len(start), CHUNK):
-            o, d = (a[at : at + CHUNK].astype(np.float64) for a in (start, way))
+        for at, last in _chunks(n):
+            o, d = (_rows(a, at, last).astype(np.float64) for a in (start, way))
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                d /= np.abs(d).max(axis=1, keepdims=True)  # its square may be too large or too small a number
                 d /= np.linalg.norm(d, axis=1, keepdims=True)
             p = (o - self._centre) / self.container.scale
             t = first_crossings(cells, p, d)
@@ -211,6 +213,18 @@ class Model:
             if self._cells is None:
                 self._cells = CellGrid(self._dhfs)
             return self._cells
+
+    def _grid(self, resolution: int) -> Tabled:
+        """The grid of a resolution and the height tables that go with it, which the next surface may want again."""
+        from .surface import make_grid
+
+        with self._lock:
+            if self._tables is None or self._tables[0] != resolution:
+                made = resolution, make_grid(self._dhfs, resolution)
+                if resolution > KEPT:
+                    return made[1]
+                self._tables = made
+            return self._tables[1]
 
     def _normalised(self, points: npt.NDArray[np.floating]) -> F32:
         """(N, 3) points of input coordinates -> normalised frame; subtracted in float64."""
@@ -238,7 +252,9 @@ class Model:
         faces: of an intersection, the most triangles, in place of max_error.
         normals: set the mesh's vertex normals from the networks' analytic gradient.
         Takes at most 512 MiB of memory, 256 bytes for each double height field and square of the resolution, and 250
-        bytes a vertex: see `limits`. Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
+        bytes a vertex: see `limits`. An intersection takes 512 MiB and 1 KiB for each triangle of the double height
+        fields' solids: some hundred MiB, but up to 4 GiB for a field of noise.
+        Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
         """
         from . import surface  # here: a program that only asks for points should not wait for it
 
@@ -251,7 +267,7 @@ class Model:
         elif max_error is not None or faces is not None:
             raise OptionError("max_error and faces belong to method 'intersection'")
         else:
-            vertices, triangles = surface.marching_cubes(self._dhfs, resolution, self.limits)
+            vertices, triangles = surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
         # process=False: merging vertices by position could weld parts of the surface that only touch.
         mesh = trimesh.Trimesh(vertices * self.container.scale + self._centre, triangles, process=False)
         if normals:
@@ -273,24 +289,31 @@ class Model:
 
         if max_error is not None and faces is not None:
             raise OptionError("give max_error or faces, not both")
-        if faces is not None and faces < 4:
+        if faces is not None and not faces >= 4:
             raise OptionError(f"faces is {faces}; a solid has at least 4")
-        rough = surface.marching_cubes(self._dhfs, ROUGH, self.limits)
-        diagonal = float(np.linalg.norm(np.ptp(rough[0], axis=0)))
+        rough = None
+        try:
+            rough = surface.marching_cubes(self._dhfs, self._grid(ROUGH), self.limits)
+            sides = np.ptp(rough[0], axis=0)
+        except SurfaceError:  # nothing as thick as a cell
+            grid = self._grid(ROUGH)[0]
+            sides = grid.spacing * (np.array(grid.shape) - 3)
+        diagonal = float(np.linalg.norm(sides))
         error = None
         if faces is None:
             error = _length(DEFAULT_ERROR if max_error is None else max_error, diagonal, self.container.scale)
         try:
-            found = solids.intersection(self._dhfs, error, faces)
-            # The two surfaces are apart by half a cell of the rough one at most, on average, and by the error; of few
-            # triangles no error is known.
-            volume = solids.volume(*rough)
-            allowed = volume / 2 if error is None else solids.area(*rough) * (diagonal / ROUGH / 2 + error)
-            if abs(solids.volume(*found) - volume) > allowed:
-                raise SurfaceError("its volume is not that of the solid")
+            found = solids.intersection(self._dhfs, error, None if faces is None else int(faces), self.limits)
+            if rough is not None:
+                # The two surfaces are apart by half a cell of the rough one at most, on average, and by the error; of
+                # few triangles no error is known.
+                volume = solids.volume(*rough)
+                allowed = volume / 2 if error is None else solids.area(*rough) * (diagonal / ROUGH / 2 + error)
+                if abs(solids.volume(*found) - volume) > allowed:
+                    raise SurfaceError("its volume is not that of the solid")
         except SurfaceError as exc:
             warnings.warn(f"no intersection ({exc}); the surface is that of marching cubes", stacklevel=3)
-            return surface.marching_cubes(self._dhfs, resolution, self.limits)
+            return surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
         return found
 
     def occupancy(self, resolution: int = 256) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
@@ -303,7 +326,7 @@ class Model:
         from . import surface
 
         self.limits.check(self.container, resolution)
-        grid, origin, spacing = surface.occupancy(self._dhfs, resolution, self.limits)
+        grid, origin, spacing = surface.occupancy(self._dhfs, self._grid(resolution), self.limits)
         scale = self.container.scale
         return grid, origin * scale + self._centre, spacing * scale
 
@@ -389,10 +412,25 @@ def _length(text: float | str, diagonal: float, scale: float) -> float:
     return value / 100 * diagonal if relative else value / scale
 
 
-def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
-    array = np.asarray(values)
-    if array.dtype != np.float32:
-        array = array.astype(np.float64, copy=False)
+def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
+    """An array (..., n) of real numbers."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.empty((), dtype=object)
+    if array.dtype.kind not in "fiub":
+        raise OptionError(f"an array of numbers of shape (..., {n}) is needed")
     if array.ndim == 0 or array.shape[-1] != n:
         raise OptionError(f"an array of shape (..., {n}) is needed; got {array.shape}")
     return array
+
+
+def _chunks(n: int) -> Iterator[tuple[int, int]]:
+    return ((at, min(at + CHUNK, n)) for at in range(0, n, CHUNK))
+
+
+def _rows(array: npt.NDArray[Any], first: int, last: int) -> npt.NDArray[Any]:
+    """Rows first to last of array.reshape(-1, n), which would copy an array that is not in one piece."""
+    if array.ndim <= 2 or array.flags.c_contiguous:
+        return array.reshape(-1, array.shape[-1])[first:last]
+    return array[np.unravel_index(np.arange(first, last), array.shape[:-1])]

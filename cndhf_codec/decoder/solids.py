@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ..errors import OptionError, SurfaceError, require
 from .dhf import Dhf
+from .limits import Limits
 from .network import F32
 
 F64 = npt.NDArray[np.float64]
@@ -33,49 +34,56 @@ SILHOUETTE_STEPS = 16  # of bisection, along an edge that the silhouette crosses
 THINNEST = 1e-12  # a solid of less volume (normalised) is taken as a failure
 
 
-def intersection(dhfs: Sequence[Dhf], error: float | None, faces: int | None) -> tuple[F64, I64]:
+def intersection(dhfs: Sequence[Dhf], error: float | None, faces: int | None, limits: Limits) -> tuple[F64, I64]:
     """The solid's surface: vertices (N, 3) of the normalised frame and triangles (M, 3), closed and facing outward.
 
     error: distance from the exact surface, normalised units. It is met but for features smaller than a cell of a grid
     of 512 or 1024 cells over each DHF's domain. faces: in place of it, the most triangles.
-    Raises SurfaceError when manifold3d reports a failure or a solid is empty, and OptionError for too few faces.
+    limits: of vertices, for each DHF and for the intersection before it is simplified.
+    Raises SurfaceError when manifold3d reports a failure, a solid is empty or has too many vertices, or simplification
+    changes its volume; and OptionError for too few faces.
     """
     manifold3d = require("manifold3d", "mesh")
     if error is not None:
         limit = error * TRIANGULATION
         planes = [Plane(dhf, 9 if limit > FINEST else 10) for dhf in dhfs]
-        out = _intersected(manifold3d, planes, limit).simplify(error * (1 - TRIANGULATION))
+        whole = _intersected(manifold3d, planes, limit, limits)
+        out = whole.simplify(error * (1 - TRIANGULATION))
+        if abs(out.volume() - whole.volume()) > error * whole.surface_area():
+            raise SurfaceError("simplification changes its volume")
     else:
         assert faces is not None
-        out = _with_faces(manifold3d, [Plane(dhf, 9) for dhf in dhfs], faces)
+        out = _with_faces(manifold3d, [Plane(dhf, 9) for dhf in dhfs], faces, limits)
     _check(manifold3d, out, "the simplified intersection")
     mesh = out.to_mesh64()
     return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64)
 
 
-def _intersected(manifold3d: Any, planes: Sequence[Plane], limit: float) -> Any:
+def _intersected(manifold3d: Any, planes: Sequence[Plane], limit: float, limits: Limits) -> Any:
     """The intersection of the DHFs, each triangulated to the error `limit`, as a Manifold. Raises SurfaceError."""
     parts = []
     for i, plane in enumerate(planes):
         vertices, triangles = plane.solid(limit)
         if not len(triangles):
             raise SurfaceError(f"double height field {i} is empty")
+        limits.count("vertices", len(vertices))
         part = manifold3d.Manifold(manifold3d.Mesh64(vertices, triangles.astype(np.uint64)))
         _check(manifold3d, part, f"double height field {i}")
         parts.append(part)
     # As an original, so that the curves where surfaces that nearly coincide weave through one another simplify too.
     whole = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Intersect).as_original()
     _check(manifold3d, whole, "the intersection")
+    limits.count("vertices", whole.num_vert())
     return whole
 
 
-def _with_faces(manifold3d: Any, planes: Sequence[Plane], faces: int) -> Any:
+def _with_faces(manifold3d: Any, planes: Sequence[Plane], faces: int, limits: Limits) -> Any:
     """The intersection, simplified by as little as leaves at most `faces` triangles. Raises OptionError."""
     errors = np.sort(np.concatenate([plane.errors.ravel() for plane in planes]))[::-1]
     bisected = BISECTED
     while bisected > FEWEST:
         limit = max(float(errors[min(int(bisected * faces), len(errors) - 1)]), 1e-6)
-        whole = _intersected(manifold3d, planes, limit)
+        whole = _intersected(manifold3d, planes, limit, limits)
         tolerance = limit / 4
         while tolerance < SIMPLIFIED * limit:
             out = whole.simplify(tolerance)

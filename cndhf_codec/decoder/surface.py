@@ -24,7 +24,10 @@ NEWTON_STEPS = 2  # for vertices without a crossing on their edge
 REFINED_AT_ONCE = 2**17
 
 
-def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTable]]:
+Tabled = tuple[Grid, list[HeightTable]]
+
+
+def make_grid(dhfs: Sequence[Dhf], resolution: int) -> Tabled:
     """A grid around the solid with `resolution` cells along its longest side, and a height table a DHF.
 
     Raises SurfaceError when the model is empty.
@@ -45,14 +48,14 @@ def make_grid(dhfs: Sequence[Dhf], resolution: int) -> tuple[Grid, list[HeightTa
 
 
 def marching_cubes(
-    dhfs: Sequence[Dhf], resolution: int, limits: Limits
+    dhfs: Sequence[Dhf], made: Tabled, limits: Limits
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Vertices (N, 3) float64 in the normalised frame and triangles (M, 3), closed and facing outward.
 
-    Time and memory are those of the surface. Raises SurfaceError when no node is inside, or the surface has too many
-    vertices.
+    made: what `make_grid` gives. Time and memory are those of the surface.
+    Raises SurfaceError when no node is inside, or the surface has too many vertices.
     """
-    grid, tables = make_grid(dhfs, resolution)
+    grid, tables = made
     band = narrow_band(grid, dhfs, tables)
     ends, axis, faces = surface_edges(band)
     limits.count("vertices", len(ends))
@@ -65,10 +68,13 @@ def marching_cubes(
 
 
 def occupancy(
-    dhfs: Sequence[Dhf], resolution: int, limits: Limits
+    dhfs: Sequence[Dhf], made: Tabled, limits: Limits
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
-    """Boolean (nx, ny, nz) grid of f >= 0 with the position of its first node and its spacing (normalised)."""
-    grid, tables = make_grid(dhfs, resolution)
+    """Boolean (nx, ny, nz) grid of f >= 0 with the position of its first node and its spacing (normalised).
+
+    made: what `make_grid` gives.
+    """
+    grid, tables = made
     limits.count("nodes", math.prod(grid.shape))
     out = narrow_band(grid, dhfs, tables).dense()
     # Tables are a little off where heights bend: what lies next to the surface is asked of the networks.

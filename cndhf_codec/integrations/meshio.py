@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 from typing import Any, BinaryIO
 
-import meshio
-
 from ..decoder.model import load, load_stream
+from ..errors import MissingExtraError
+
+try:
+    import meshio
+except ImportError as exc:
+    raise MissingExtraError("this needs meshio, which is not installed; run: pip install meshio") from exc
 
 
 def read_cndhf(source: str | os.PathLike[str] | BinaryIO) -> Any:

@@ -15,8 +15,9 @@ Tensor: Any = torch.Tensor
 class CndhfModule(torch.nn.Module):
     """The solid of a `Model` in torch: the same f, with autograd and on any device.
 
-    The networks' weights are parameters, float32; rotations, boxes, centre and scale are buffers. Changed weights do
-    not go back into the model: a file's weights are quantised.
+    The networks' weights are parameters, float32; rotations, boxes, centre and scale are buffers, the last two float64:
+    far from the origin `module.float()` would move the solid. Changed weights do not go back into the model: a file's
+    weights are quantised.
     """
 
     def __init__(self, model: Model) -> None:
@@ -38,7 +39,9 @@ class CndhfModule(torch.nn.Module):
         """(..., 2) -> (..., 2): near and far height of DHF `i`; as `Model.heights`."""
         if not 0 <= i < len(self.dhfs):
             raise OptionError(f"there is no DHF {i}; this model has {len(self.dhfs)}")
-        return self.dhfs[i].heights(uv)
+        if uv.shape[-1:] != (2,):
+            raise OptionError(f"a tensor of shape (..., 2) is needed; got {tuple(uv.shape)}")
+        return self.dhfs[i].heights(uv.to(self.dhfs[i].bounds.dtype))
 
 
 class _DhfModule(torch.nn.Module):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import analytic
 import numpy as np
 import pytest
 import trimesh
@@ -235,6 +236,11 @@ def test_info_as_a_table(run, model):
     assert "bits each" in out
 
 
+def test_info_of_a_file_that_was_not_measured(run, tmp_path):
+    analytic.model(analytic.slab((-0.5,) * 3, (0.5,) * 3)).save(tmp_path / "a.cndhf")
+    assert "error not measured" in run("info", tmp_path / "a.cndhf")[1]
+
+
 def test_compare(run, box, tmp_path):
     other = trimesh.creation.box((1.02, 0.5, 0.25))
     other.export(tmp_path / "other.stl")
@@ -246,6 +252,12 @@ def test_compare(run, box, tmp_path):
     assert (code, err) == (0, "")
     assert values["hausdorff"] == pytest.approx(0.01, rel=0.01)
     assert values["percent"]["hausdorff"] == pytest.approx(1 / np.linalg.norm([1, 0.5, 0.25]), rel=0.01)
+
+
+def test_a_page_needs_matplotlib_and_says_so_first(fails, box, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setattr("cndhf_codec.report.compare.compare", lambda *_: pytest.fail("compared"))
+    assert "cndhf-codec[report]" in fails(1, "compare", box, box, "--html", tmp_path / "a.html")
 
 
 def test_compare_with_a_cndhf_file(run, model, tmp_path):

@@ -152,8 +152,18 @@ def test_many_threads_make_the_cells_once(monkeypatch):
     def ask(_):
         return model.contains(points), model.ray_intersect(origins, directions).distance, model.implicit(points[:500])
 
+    meshes = [MODELS["two"]().to_mesh(24), MODELS["two"]().to_mesh(24, method="intersection")]
+    occupied = MODELS["two"]().occupancy(24)[0]
+
+    def make(_):
+        return model.to_mesh(24), model.to_mesh(24, method="intersection"), model.occupancy(24)[0]
+
     with ThreadPool(8) as pool:
+        made_surfaces = pool.map_async(make, range(8))
         answers = pool.map(ask, range(16))
+        for *ours, grid in made_surfaces.get():
+            assert all(np.array_equal(a.vertices, b.vertices) for a, b in zip(ours, meshes, strict=True))
+            assert np.array_equal(grid, occupied)
     assert len(made) == 1
     for inside, distance, _ in answers:
         assert (inside != expected).mean() < 1e-4
@@ -173,7 +183,7 @@ def test_a_copy_of_a_model_makes_its_own_cells(golden):
         assert twin.info == model.info
 
 
-@pytest.mark.parametrize("query", ["contains", "implicit", "gradient", "heights", "rays"])
+@pytest.mark.parametrize("query", ["contains", "implicit", "gradient", "heights", "rays", "fan", "integers"])
 def test_memory_does_not_grow_with_the_points(query):
     model = MODELS["two"]()
     points = (np.random.default_rng(0).uniform(-1, 1, (600_000, 3)) * 3 + 6).astype(np.float32)
@@ -183,6 +193,8 @@ def test_memory_does_not_grow_with_the_points(query):
         "gradient": lambda: model.implicit(points, gradient=True),
         "heights": lambda: model.heights(0, points[:, :2]),
         "rays": lambda: model.ray_intersect(points[:80_000], points[:80_000] - 6),
+        "fan": lambda: model.ray_intersect(points[:400, None], points[:1000] - 6),
+        "integers": lambda: model.implicit((np.array(points[:, None, :] * 10, np.int16))[:, ::1]),
     }[query]
     tracemalloc.start()
     try:

@@ -31,6 +31,21 @@ def status(name):
 def to_mesh(model, resolution):
     return len(model.to_mesh(resolution).vertices)
 
+def intersection(model, resolution):
+    from cndhf_codec.decoder import solids
+
+    closed, triangles = solids.Plane.solid, [0]
+
+    def counted(*arguments):
+        solid = closed(*arguments)
+        triangles[0] += len(solid[1])
+        return solid
+
+    solids.Plane.solid = counted
+    model.to_mesh(resolution, method="intersection")
+    solids.Plane.solid = closed
+    return triangles[0]
+
 def occupancy(model, resolution):
     return model.occupancy(resolution)[0].size
 
@@ -90,6 +105,8 @@ def test_memory_of_loading(measure, data):
 def test_memory_of_queries(measure, data):
     count, memory = measure("contains", 70_000, data)
     assert memory < 32 * MIB + 40 * count
+    count, memory = measure("contains", 300_000, data)  # so many that cells are made
+    assert memory < 60e6 + 16e6 + 40 * count
 
 
 @pytest.mark.parametrize(
@@ -100,6 +117,12 @@ def test_memory_of_surfaces_and_grids(measure, what, n_dhfs, width, resolution):
     count, memory = measure(what, resolution, rawfile.noise(n_dhfs, width, 2))
     each = {"to_mesh": 250, "occupancy": 2}[what]
     assert memory < 512 * MIB + 256 * n_dhfs * resolution**2 + each * count
+
+
+def test_memory_of_an_intersection(measure):
+    triangles, memory = measure("intersection", 32, rawfile.noise(2, 8, 2))
+    assert triangles > 1e6
+    assert memory < 512 * MIB + 1024 * triangles
 
 
 def test_the_defaults_refuse_nothing_at_the_default_resolution():

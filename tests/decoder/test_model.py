@@ -118,6 +118,28 @@ def test_wrong_shapes(shape):
             m.heights(0, np.zeros(shape))
 
 
+@pytest.mark.parametrize("points", ["abc", ["a", "b", "c"], [[0, 0, 0], [0, 0]], [1j, 0, 0], None])
+def test_points_that_are_no_numbers(points):
+    model = analytic.model(slab(LO, HI))
+    for ask in (model.contains, model.implicit, model.normals, lambda p: model.heights(0, p)):
+        with pytest.raises(OptionError, match="numbers of shape"):
+            ask(points)
+
+
+def test_numbers_of_any_kind_in_any_order(points):
+    model = analytic.model(slab(LO, HI))
+    coarse = np.round(points.astype(np.float32) * 8).reshape(-1, 2, 3) / 8
+    expected = model.implicit(coarse)
+    assert np.array_equal(model.implicit(coarse.astype(np.float16)), expected)
+    assert np.array_equal(model.implicit(coarse.tolist()), expected)
+    assert np.array_equal(model.implicit(np.asfortranarray(coarse)), expected)
+    assert np.array_equal(model.implicit(np.repeat(coarse, 2, axis=1)[:, ::2]), expected)
+    whole = np.round(coarse).astype(np.int8)
+    assert np.array_equal(model.contains(whole), model.contains(whole.astype(np.float64)))
+    one = model.contains([0, 0, 0])
+    assert (type(one), one.shape, one.dtype) == (np.ndarray, (), bool)
+
+
 @pytest.mark.parametrize("i", [-1, 1])
 def test_there_is_no_such_dhf(i):
     with pytest.raises(OptionError, match=f"no DHF {i}"):

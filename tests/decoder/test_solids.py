@@ -5,10 +5,11 @@ from __future__ import annotations
 import analytic
 import numpy as np
 import pytest
+import rawfile
 import trimesh
 from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, wavy
 
-from cndhf_codec import load
+from cndhf_codec import Limits, load, loads
 from cndhf_codec.decoder import solids
 from cndhf_codec.errors import OptionError, SurfaceError
 
@@ -114,6 +115,42 @@ def test_bisection_fits_together_at_any_density():
             assert all(a // (n + 1) == b // (n + 1) in (0, n) or a % (n + 1) == b % (n + 1) in (0, n) for a, b in alone)
 
 
+def test_a_plate_thinner_than_any_cell():
+    model = analytic.model(slab((-0.5, -0.5, 0), (0.5, 0.5, 2**-10)))
+    with pytest.raises(SurfaceError, match="thinner than a voxel"):
+        model.to_mesh(256)
+    for options in ({}, {"max_error": 2**-12}, {"faces": 12}):
+        mesh = model.to_mesh(method="intersection", **options)
+        check_closed(mesh)
+        assert len(mesh.faces) == 12
+        assert mesh.volume == pytest.approx(2**-10, rel=1e-4)
+
+
+def test_a_simplification_that_loses_volume_is_a_failure(monkeypatch):
+    original = solids._intersected
+
+    class Shrunk:
+        def __init__(self, whole):
+            self.whole = whole
+
+        def __getattr__(self, name):
+            return getattr(self.whole, name)
+
+        def simplify(self, tolerance):
+            return self.whole.simplify(tolerance).scale((0.99,) * 3)
+
+    monkeypatch.setattr(solids, "_intersected", lambda *a: Shrunk(original(*a)))
+    with pytest.warns(UserWarning, match="simplification changes its volume"):
+        wavy().to_mesh(24, method="intersection")
+
+
+def test_solids_have_a_limit_of_vertices():
+    model = loads(rawfile.noise(1, 8, 2), limits=Limits(vertices=100_000))
+    with pytest.warns(UserWarning, match=r"no intersection \(this file asks for too much.*vertices"):
+        mesh = model.to_mesh(16, method="intersection")
+    assert len(mesh.vertices) < 10_000
+
+
 def test_a_failure_falls_back_to_marching_cubes(monkeypatch):
     def fail(*_):
         raise SurfaceError("manifold3d refuses the intersection (NotManifold)")
@@ -152,6 +189,7 @@ def test_empty_solids():
         ({"faces": 100}, "belong to method"),
         ({"method": "intersection", "max_error": 1.0, "faces": 100}, "not both"),
         ({"method": "intersection", "faces": 3}, "at least 4"),
+        ({"method": "intersection", "faces": float("nan")}, "at least 4"),
         ({"method": "intersection", "max_error": 0}, "positive"),
         ({"method": "intersection", "max_error": "1mm"}, "positive"),
         ({"method": "intersection", "max_error": "nan%"}, "positive"),

@@ -8,10 +8,11 @@ import analytic
 import numpy as np
 import pytest
 import trimesh
-from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, wavy
+from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, waves, wavy
 from scipy.spatial import cKDTree
 from skimage import measure
 
+from cndhf_codec import load
 from cndhf_codec.decoder import band, surface
 from cndhf_codec.decoder.cubes import surface_edges
 from cndhf_codec.errors import OptionError, SurfaceError
@@ -84,9 +85,16 @@ def test_a_through_hole_comes_out_of_crossing_heights():
     assert not model.contains([0, 0, 0])
 
 
-@pytest.mark.parametrize("make", [wavy, ring], ids=["wavy", "ring"])
-def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make):
-    model = make()
+def turned():
+    """Three plates at odd angles, two of them mirrored; each reaches beyond the domain of the others."""
+    return analytic.model(
+        waves(1, fold=1), waves(2, (9000, -14000, 20000, 20000), fold=3), waves(3, ABOUT_Z_45), centre=(5, 6, 7)
+    )
+
+
+@pytest.mark.parametrize("make", [wavy, ring, turned, None], ids=["wavy", "ring", "turned", "encoded"])
+def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make, golden):
+    model = load(golden / "encoded.cndhf") if make is None else make()
     mesh, occupied = model.to_mesh(60), model.occupancy(60)[0]
     looked_at = []
     original = band.dhf_bounds
@@ -101,6 +109,21 @@ def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make):
     assert np.array_equal(mesh.vertices, dense.vertices)
     assert np.array_equal(mesh.faces, dense.faces)
     assert np.array_equal(occupied, model.occupancy(60)[0])
+
+
+def test_height_tables_are_made_once_for_surfaces_of_one_resolution(monkeypatch):
+    made = []
+    original = surface.make_grid
+    monkeypatch.setattr(surface, "make_grid", lambda *a: made.append(a[1]) or original(*a))
+    model = wavy()
+    assert made == []
+    for _ in range(2):
+        model.to_mesh(20)
+        model.occupancy(20)
+    assert made == [20]
+    model.to_mesh(24)
+    model.to_mesh(20)
+    assert made == [20, 24, 20]
 
 
 def test_the_band_grows_with_the_surface():

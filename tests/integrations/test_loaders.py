@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import io
+import sys
 
 import numpy as np
 import pytest
 import trimesh
 
 from cndhf_codec import load
-from cndhf_codec.errors import OptionError, SignatureError
+from cndhf_codec.errors import MissingExtraError, OptionError, SignatureError
 
 
 @pytest.fixture
@@ -42,6 +44,13 @@ def test_trimesh_says_what_is_wrong(path, tmp_path):
     (tmp_path / "a.cndhf").write_bytes(b"not one")
     with pytest.raises(SignatureError, match=r"a\.cndhf"):
         trimesh.load_mesh(tmp_path / "a.cndhf")
+
+
+def test_meshio_is_not_part_of_any_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    monkeypatch.delitem(sys.modules, "cndhf_codec.integrations.meshio", raising=False)
+    with pytest.raises(MissingExtraError, match="pip install meshio"):
+        importlib.import_module("cndhf_codec.integrations.meshio")
 
 
 def test_meshio(path, tmp_path, monkeypatch):

@@ -45,6 +45,11 @@ def test_heights(model):
         np.testing.assert_allclose(
             module.heights(i, torch.tensor(uv)).detach().numpy(), model.heights(i, uv), atol=1e-5
         )
+    np.testing.assert_allclose(
+        module.heights(0, torch.tensor(uv, dtype=torch.float64)).detach().numpy(), model.heights(0, uv), atol=1e-5
+    )
+    with pytest.raises(OptionError, match=r"\(\.\.\., 2\)"):
+        module.heights(0, torch.zeros(4, 3))
     with pytest.raises(OptionError, match="no DHF 2"):
         module.heights(2, torch.tensor(uv))
     with pytest.raises(OptionError, match=r"\(\.\.\., 3\)"):
