@@ -89,6 +89,8 @@ def command(
             check_extension(path)
             check_output(path, overwrite)
     if occupancy is not None:
+        if occupancy == STREAM:
+            raise OptionError("--occupancy needs a file: the grid does not go to the standard output")
         check_output(occupancy, overwrite)
         if occupancy.absolute() in [path.absolute() for path in levels]:
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")

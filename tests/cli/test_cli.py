@@ -280,6 +280,7 @@ def test_compare_writes_a_page(run, fails, box, tmp_path, monkeypatch):
 def test_mesh_and_grid_are_two_files(fails, model, tmp_path):
     both = tmp_path / "a.ply"
     assert "cannot be one file" in fails(2, "decode", model, both, "--occupancy", both)
+    assert "needs a file" in fails(2, "decode", model, "--occupancy", "-")
     assert not both.exists()
 
 
