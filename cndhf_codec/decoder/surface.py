@@ -126,9 +126,10 @@ def _crossings(
         again_a, again_b = np.zeros_like(left, dtype=bool), np.zeros_like(left, dtype=bool)  # this end stays once more
         for _ in range(REFINEMENTS):
             points = origin.take(left, axis=1)
-            now = t.take(left)
+            now, way = t.take(left), along.take(left)
+            step = now * np.float32(grid.spacing)
             for k, x in enumerate(points):
-                x += (along.take(left) == k) * (now * np.float32(grid.spacing))
+                x += (way == k) * step
             ft = _exact(grid, dhfs, holders.take(left, axis=1), points)
             above = (ft > 0) == (fa > 0)  # the crossing lies between t and b
             fa, fb = np.where(above, ft, fa * (1 - again_a / 2)), np.where(above, fb * (1 - again_b / 2), ft)
@@ -143,9 +144,9 @@ def _crossings(
                 break
             fa, fb, a, b, again_a, again_b = (x.take(keep) for x in (fa, fb, a, b, ~above, above))
         found[first + left] = False
-        t = np.clip(t, CLOSEST, 1 - CLOSEST)
+        step = np.clip(t, CLOSEST, 1 - CLOSEST) * grid.spacing
         for k, x in enumerate(nodes):
-            x += (along == k) * (t * grid.spacing)
+            x += (along == k) * step
         out[first:last] = nodes.T
 
     over_rows(work, len(ends), REFINED_AT_ONCE)

@@ -129,6 +129,7 @@ def test_rays_without_a_direction_or_a_place_miss():
     model = analytic.model(slab(LO, HI))
     assert np.isinf(model.ray_intersect(bad, [1, 0, 0]).distance).all()
     assert np.isinf(model.ray_intersect([0, 0, 0], [*bad, [0, 0, 0]]).distance).all()
+    assert np.isfinite(model.ray_intersect([0, 0, 0], [[1e-30, 0, 0], [1e30, 0, 0]]).distance).all()
     assert np.isfinite(model.ray_intersect([0, 0, 0], [[1e-200, 0, 0], [1e200, 1e199, 0]]).distance).all()
 
 
