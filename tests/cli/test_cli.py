@@ -12,6 +12,7 @@ import analytic
 import numpy as np
 import pytest
 import trimesh
+from conftest import stored_normals
 
 from cndhf_codec import cli, load
 
@@ -137,22 +138,6 @@ def test_normals_are_written(run, model, tmp_path, extension):
     mesh = load(model).to_mesh(16, normals=True)
     assert target.stat().st_size > plain.stat().st_size + 10 * len(mesh.vertices)
     np.testing.assert_allclose(stored_normals(target), mesh.vertex_normals, atol=1e-4)
-
-
-def stored_normals(path: Path):
-    """As the file has them: trimesh computes its own when it loads one."""
-    if path.suffix == ".obj":
-        return np.array([x.split()[1:] for x in path.read_text("utf-8").splitlines() if x.startswith("vn ")], float)
-    if path.suffix == ".ply":
-        vertices = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
-        return np.column_stack([vertices[k] for k in ("nx", "ny", "nz")])
-    data = path.read_bytes()
-    length = int.from_bytes(data[12:16], "little")
-    head = json.loads(data[20 : 20 + length])
-    accessor = head["accessors"][head["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]
-    view = head["bufferViews"][accessor["bufferView"]]
-    start = 28 + length + view.get("byteOffset", 0)
-    return np.frombuffer(data[start : start + view["byteLength"]], "<f4").reshape(-1, 3)
 
 
 @pytest.mark.parametrize("extension", ["stl", "off"])
