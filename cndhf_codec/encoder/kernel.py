@@ -13,8 +13,9 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from .vectors import LANES, add_outer, set_product
+
 TILE = 512  # points evaluated at once: what a network computes for them stays in the cache
-LANES = 8  # loops over a multiple of this many points leave none to be treated one by one
 FAR = np.float32(1e3)  # stands for "no such double height field"
 
 F32 = npt.NDArray[np.float32]
@@ -87,105 +88,42 @@ def sine_in_place(z: F32, n: int) -> None:
 
 
 @inlined
-def add_product(W: F32, x: F32, z: F32, n: int) -> None:
-    """z[:, :n] += W x[:, :n], in blocks of 2 rows and 4 terms; the inner loops run over points."""
-    rows, terms = W.shape
-    for j in range(0, rows, 2):
-        two = j + 1 < rows
-        i = 0
-        while i < terms:
-            if two and i + 3 < terms:
-                a0, a1, a2, a3 = W[j, i], W[j, i + 1], W[j, i + 2], W[j, i + 3]
-                b0, b1, b2, b3 = W[j + 1, i], W[j + 1, i + 1], W[j + 1, i + 2], W[j + 1, i + 3]
-                for t in range(n):
-                    x0, x1, x2, x3 = x[i, t], x[i + 1, t], x[i + 2, t], x[i + 3, t]
-                    z[j, t] += a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
-                    z[j + 1, t] += b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3
-                i += 4
-            else:
-                for row in range(j, min(j + 2, rows)):
-                    a = W[row, i]
-                    for t in range(n):
-                        z[row, t] += a * x[i, t]
-                i += 1
-
-
-@inlined
-def set_product_transposed(W: F32, d: F32, e: F32, n: int) -> None:
-    """e[:, :n] = W^T d[:, :n]: a gradient on its way back through a layer."""
-    for j in range(W.shape[1]):
-        for t in range(n):
-            e[j, t] = 0
-    add_product(np.ascontiguousarray(W.T), d, e, n)
-
-
-@inlined
-def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
-    """G += d[:, :n] x[:, :n]^T, in blocks of 2 x 4."""
-    zero = np.float32(0)
-    rows, columns = G.shape
-    for j in range(0, rows, 2):
-        two = j + 1 < rows
-        i = 0
-        while i < columns:
-            if two and i + 3 < columns:
-                a0, a1, a2, a3, b0, b1, b2, b3 = zero, zero, zero, zero, zero, zero, zero, zero
-                for t in range(n):
-                    u, v = d[j, t], d[j + 1, t]
-                    x0, x1, x2, x3 = x[i, t], x[i + 1, t], x[i + 2, t], x[i + 3, t]
-                    a0 += u * x0
-                    a1 += u * x1
-                    a2 += u * x2
-                    a3 += u * x3
-                    b0 += v * x0
-                    b1 += v * x1
-                    b2 += v * x2
-                    b3 += v * x3
-                G[j, i] += a0
-                G[j, i + 1] += a1
-                G[j, i + 2] += a2
-                G[j, i + 3] += a3
-                G[j + 1, i] += b0
-                G[j + 1, i + 1] += b1
-                G[j + 1, i + 2] += b2
-                G[j + 1, i + 3] += b3
-                i += 4
-            else:
-                for row in range(j, min(j + 2, rows)):
-                    a = zero
-                    for t in range(n):
-                        a += d[row, t] * x[i, t]
-                    G[row, i] += a
-                i += 1
-
-
-@inlined
 def arguments(theta: F32, at: int, omega: np.float32, x: F32, z: F32, n: int) -> None:
     """z[:, :n]: what a sine layer, whose weights begin at `at`, takes the sine of."""
     width, inputs = len(z), len(x)
     bias = at + width * inputs
-    for j in range(width):
-        for t in range(n):
-            z[j, t] = theta[bias + j]
-    add_product(theta[at:bias].reshape(width, inputs), x, z, n)
-    for j in range(width):
-        for t in range(n):
-            z[j, t] *= omega
+    set_product(theta[at:bias].reshape(width, inputs), x, theta[bias : bias + width], omega, z, n)
 
 
 @inlined
 def last_layer(theta: F32, width: int, x: F32, y: F32, n: int) -> None:
     """y[:, :n], (2, TILE): heights from what the last sine layer puts out."""
     at = len(theta) - 2 * width - 2
-    for j in range(2):
-        for t in range(n):
-            y[j, t] = theta[at + 2 * width + j]
-    add_product(theta[at : at + 2 * width].reshape(2, width), x, y, n)
+    bias = at + 2 * width
+    set_product(theta[at:bias].reshape(2, width), x, theta[bias:], np.float32(1), y, n)
+
+
+@inlined
+def back_through(W: F32, d: F32, e: F32, n: int) -> None:
+    """e[:, :n] = W^T d[:, :n]: a gradient on its way back through a layer."""
+    set_product(W.T, d, np.zeros(W.shape[1], np.float32), np.float32(1), e, n)
+
+
+@inlined
+def _filled(x: F32, m: int) -> int:
+    """The columns m to n of x are filled up, to a multiple of LANES; what becomes of them is not used. Returns n."""
+    n = m + -m % LANES
+    for c in range(m, n):
+        x[0, c], x[1, c] = x[0, 0], x[1, 0]
+    return n
 
 
 @inlined
 def values(theta: F32, width: int, layers: int, omega: np.float32, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
-    """y[:, :n], (2, TILE): heights of the first n columns of x, (2, TILE). Overwrites a and b, (width, TILE)."""
+    """y[:, :n], (2, TILE): heights of the first n columns of x, (2, TILE). Overwrites a and b, (width, TILE).
+
+    n is a multiple of LANES, here and below.
+    """
     arguments(theta, 0, omega, x, a, n)
     sine_in_place(a, n)
     at = 3 * width
@@ -225,7 +163,7 @@ def backward(
     at -= 2 * width
     add_outer(g, xs[layers - 1], grad[at : at + 2 * width].reshape(2, width), n)
     d, e = np.empty((width, TILE), np.float32), np.empty((width, TILE), np.float32)
-    set_product_transposed(theta[at : at + 2 * width].reshape(2, width), g, d, n)
+    back_through(theta[at : at + 2 * width].reshape(2, width), g, d, n)
     for k in range(layers - 1, -1, -1):
         inputs = 2 if k == 0 else width
         at -= width
@@ -238,7 +176,7 @@ def backward(
         at -= width * inputs
         add_outer(d, x if k == 0 else xs[k - 1], grad[at : at + width * inputs].reshape(width, inputs), n)
         if k:
-            set_product_transposed(theta[at : at + width * inputs].reshape(width, inputs), d, e, n)
+            back_through(theta[at : at + width * inputs].reshape(width, inputs), d, e, n)
             d, e = e, d
 
 
@@ -252,7 +190,7 @@ def heights(theta: F32, width: int, layers: int, omega: np.float32, uv: F32) -> 
         n = min(TILE, len(uv) - at)
         for t in range(n):
             x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
-        values(theta, width, layers, omega, x, n, a, b, y)
+        values(theta, width, layers, omega, x, _filled(x, n), a, b, y)
         for t in range(n):
             out[at + t, 0], out[at + t, 1] = y[0, t], y[1, t]
     return out
@@ -269,6 +207,9 @@ def heights_gradient(theta: F32, width: int, layers: int, omega: np.float32, uv:
         for t in range(n):
             x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
             d[0, t], d[1, t] = g[at + t, 0], g[at + t, 1]
+        filled = _filled(x, n)
+        d[:, n:filled] = 0
+        n = filled
         forward(theta, width, layers, omega, x, n, xs, slopes)
         backward(theta, width, layers, omega, x, n, xs, slopes, d, grad)
     return grad
@@ -286,7 +227,8 @@ def jacobian(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, si
         rows = out[start : start + n]
         for t in range(n):
             x[0, t], x[1, t] = uv[start + t, 0], uv[start + t, 1]
-        forward(theta, width, layers, omega, x, n, xs, slopes)
+        filled = _filled(x, n)
+        forward(theta, width, layers, omega, x, filled, xs, slopes)
         at = len(theta) - 2 - 2 * width
         for t in range(n):
             s = side[start + t]
@@ -307,7 +249,7 @@ def jacobian(theta: F32, width: int, layers: int, omega: np.float32, uv: F32, si
                     for i in range(inputs):
                         rows[t, at + j * inputs + i] = d[j, t] * before[i, t]
             if k:
-                set_product_transposed(theta[at : at + width * inputs].reshape(width, inputs), d, e, n)
+                back_through(theta[at : at + width * inputs].reshape(width, inputs), d, e, filled)
                 d, e = e, d
     return out
 
@@ -317,15 +259,6 @@ def _place(point: F32, box: F32, x: F32, m: int) -> None:
     """Column m of x: where a network is asked about a point (3,) of its frame."""
     for c in range(2):
         x[c, m] = min(max(point[c], box[c, 0]), box[c, 1])
-
-
-@inlined
-def _filled(x: F32, m: int) -> int:
-    """The columns m to n of x are filled up, to a multiple of LANES; what becomes of them is not used. Returns n."""
-    n = m + -m % LANES
-    for c in range(m, n):
-        x[0, c], x[1, c] = x[0, 0], x[1, 0]
-    return n
 
 
 @compiled

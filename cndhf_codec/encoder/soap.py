@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from .kernel import F32, add_product, compiled, inlined
+from .kernel import F32, compiled, inlined
 from .siren import Networks
+from .vectors import LANES, add_outer, set_product
 
 # Steps that both moments and the preconditioner remember, about. In networks wider than WIDE they are out of date
 # sooner: by the fourth power of the width.
@@ -34,8 +35,9 @@ class Soap:
         self._step = 0
         self._fade = np.float32(1 / max(MEMORY * min(1.0, (WIDE / networks.width) ** 4), LEAST_MEMORY))
         self._first, self._second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
-        # Of each matrix, for its rows and for its columns; what is beyond its size is not used.
-        shape = (len(networks), len(self._places), 2, networks.width, networks.width)
+        # Of each matrix, for its rows and for its columns; with zeros beyond its size, up to whole vectors.
+        side = networks.width + -networks.width % LANES
+        shape = (len(networks), len(self._places), 2, side, side)
         self._grams, self._bases = (np.zeros(shape, np.float32) for _ in range(2))
 
     def step(self, gradient: torch.Tensor, rate: float) -> None:
@@ -54,26 +56,48 @@ class Soap:
 
 
 @inlined
-def _product(A: F32, B: F32, out: F32) -> None:
-    """out[: rows of A, : columns of B] = A B."""
-    for i in range(A.shape[0]):
-        for j in range(B.shape[1]):
-            out[i, j] = 0
-    add_product(A, B, out, B.shape[1])
+def _product(A: F32, B: F32, out: F32, columns: int) -> None:
+    """out[: rows of A, :columns] = A B; overwrites what is beyond, up to whole vectors."""
+    none = np.zeros(A.shape[0], np.float32)
+    set_product(A, B, none, np.float32(1), out, columns + -columns % LANES)
 
 
 @inlined
-def _add_to_grams(g: F32, fade: np.float32, left: F32, right: F32) -> None:
-    """Move the grams a little towards those of g: g g^T and g^T g."""
-    rows, columns = g.shape
+def _load(row: F32, at: int, rows: int, columns: int, out: F32) -> None:
+    """The matrix that begins at `at`, with zeros beyond."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = row[at + i * columns + j] if i < rows and j < columns else 0
+
+
+@inlined
+def _store(matrix: F32, row: F32, at: int, rows: int, columns: int) -> None:
     for i in range(rows):
-        for j in range(rows):
-            left[i, j] *= np.float32(1) - fade
-    add_product(fade * g, g.T.copy(), left, rows)
-    for i in range(columns):
         for j in range(columns):
-            right[i, j] *= np.float32(1) - fade
-    add_product(fade * g.T.copy(), g, right, columns)
+            row[at + i * columns + j] = matrix[i, j]
+
+
+@inlined
+def _flip(matrix: F32, out: F32) -> None:
+    """The transpose."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            out[j, i] = matrix[i, j]
+
+
+@inlined
+def _add_to_grams(g: F32, rows: int, columns: int, fade: np.float32, left: F32, right: F32) -> None:
+    """Move the grams a little towards those of g, (rows, columns) with zeros beyond: g g^T and g^T g."""
+    flipped, part = np.empty_like(g), np.empty_like(g)
+    _flip(g, flipped)
+    for side in range(2):
+        gram, of, n = (left, g, rows) if side == 0 else (right, flipped, columns)
+        for i in range(n):
+            for j in range(n):
+                gram[i, j] *= np.float32(1) - fade
+            for j in range(g.shape[1]):
+                part[i, j] = fade * of[i, j]
+        add_outer(part, of, gram[:n, :n], g.shape[1])
 
 
 @inlined
@@ -116,11 +140,12 @@ def _iterate(gram: F32, basis: F32) -> None:
 
 @compiled
 def _first_bases(gradient: F32, places: Places, fade: np.float32, grams: F32, bases: F32) -> None:
+    g = np.empty(grams.shape[-2:], np.float32)
     for k in range(len(gradient)):
         for m in range(len(places)):
             at, rows, columns = places[m]
-            g = gradient[k, at : at + rows * columns].reshape(rows, columns)
-            _add_to_grams(g, fade, grams[k, m, 0], grams[k, m, 1])
+            _load(gradient[k], at, rows, columns, g)
+            _add_to_grams(g, rows, columns, fade, grams[k, m, 0], grams[k, m, 1])
             for side in range(2):
                 n = rows if side == 0 else columns
                 basis = bases[k, m, side, :n, :n]
@@ -146,37 +171,45 @@ def _move(
     then the bases where they are to be refreshed."""
     K, P = gradient.shape
     move, rotated = np.empty((K, P), np.float32), gradient.copy()
-    width = grams.shape[-1]
-    half, whole = np.empty((width, width), np.float32), np.empty((width, width), np.float32)
+    size = grams.shape[-2:]
+    g, half, whole, back = (
+        np.empty(size, np.float32),
+        np.empty(size, np.float32),
+        np.empty(size, np.float32),
+        np.empty(size, np.float32),
+    )
     for k in range(K):
         for m in range(len(places)):
             at, rows, columns = places[m]
-            g = gradient[k, at : at + rows * columns].reshape(rows, columns)
-            _add_to_grams(g, fade, grams[k, m, 0], grams[k, m, 1])
-            _product(bases[k, m, 0, :rows, :rows].T.copy(), g, half)
-            to = rotated[k, at : at + rows * columns].reshape(rows, columns)
-            _product(half[:rows, :columns], bases[k, m, 1, :columns, :columns], to)
+            left, right = bases[k, m, 0], bases[k, m, 1]
+            _load(gradient[k], at, rows, columns, g)
+            _add_to_grams(g, rows, columns, fade, grams[k, m, 0], grams[k, m, 1])
+            _product(left[:rows, :rows].T, g, half, columns)
+            _product(half[:rows, :columns], right, whole, columns)
+            _store(whole, rotated[k], at, rows, columns)
         for i in range(P):
             first[k, i] += fade * (rotated[k, i] - first[k, i])
             second[k, i] += fade * (rotated[k, i] * rotated[k, i] - second[k, i])
             move[k, i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
         for m in range(len(places)):
             at, rows, columns = places[m]
-            left, right = bases[k, m, 0, :rows, :rows], bases[k, m, 1, :columns, :columns]
-            to = move[k, at : at + rows * columns].reshape(rows, columns)
-            _product(left, to, half)
-            _product(half[:rows, :columns], right.T.copy(), to)
+            left, right = bases[k, m, 0], bases[k, m, 1]
+            _flip(right, back)
+            _load(move[k], at, rows, columns, g)
+            _product(left[:rows, :rows], g, half, columns)
+            _product(half[:rows, :columns], back, whole, columns)
+            _store(whole, move[k], at, rows, columns)
             if refresh:
-                moment = first[k, at : at + rows * columns].reshape(rows, columns)
-                _product(left, moment, half)
-                _product(half[:rows, :columns], right.T.copy(), whole)
+                _load(first[k], at, rows, columns, g)
+                _product(left[:rows, :rows], g, half, columns)
+                _product(half[:rows, :columns], back, whole, columns)
                 squares = second[k, at : at + rows * columns].reshape(rows, columns)
                 for side in range(2):
                     n = rows if side == 0 else columns
                     gram, basis = grams[k, m, side, :n, :n], bases[k, m, side, :n, :n]
                     # Largest eigenvalue first, or the iteration would not converge.
                     values = np.empty(n, np.float32)
-                    _product(gram, basis, half)
+                    _product(gram, bases[k, m, side], half, n)
                     for c in range(n):
                         values[c] = 0
                         for i in range(n):
@@ -185,6 +218,7 @@ def _move(
                     basis[:] = basis.copy()[:, order]
                     squares[:] = squares.copy()[order] if side == 0 else squares.copy()[:, order]
                     _iterate(gram, basis)
-                _product(left.T.copy(), whole[:rows, :columns], half)
-                _product(half[:rows, :columns], right, moment)
+                _product(left[:rows, :rows].T, whole, half, columns)
+                _product(half[:rows, :columns], right, g, columns)
+                _store(g, first[k], at, rows, columns)
     return move
