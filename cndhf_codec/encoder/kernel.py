@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from .vectors import LANES, add_outer, set_product
+from .vectors import LANES, add_outer, set_product, sine_and_cosine, sine_in_place
 
 TILE = 512  # points evaluated at once: what a network computes for them stays in the cache
 FAR = np.float32(1e3)  # stands for "no such double height field"
@@ -38,53 +38,6 @@ def inlined(function: Function) -> Function:
     """Compile as a part of each function that calls it. As a function of its own, shared by what comes from the cache
     and what is compiled anew, it could be either's version, and its sums differ with that."""
     return numba.njit(nogil=True, fastmath=FREEDOMS, forceinline=True)(function)
-
-
-def _inlined_in_written_order(function: Function) -> Function:
-    """As `inlined`, for what depends on the order of its sums."""
-    return numba.njit(nogil=True, fastmath={"contract"}, forceinline=True)(function)
-
-
-@_inlined_in_written_order
-def _less_quarters(a: np.float32, k: np.float32) -> np.float32:
-    """a - k pi / 2 for a whole k, pi / 2 in three parts. Range reduction of Moshier's Cephes library (sinf, cosf)."""
-    r = a - k * np.float32(1.5703125)
-    r -= k * np.float32(4.837512969970703e-4)
-    return r - k * np.float32(7.549789948768648e-8)
-
-
-@_inlined_in_written_order
-def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
-    """Of z[:, :n]; to 1e-7 for |z| < 1000. Polynomials of the Cephes library, too."""
-    for j in range(z.shape[0]):
-        for t in range(n):
-            a = z[j, t]
-            k = np.rint(a * np.float32(0.6366197723675814))
-            r = _less_quarters(a, k)
-            q = r * r
-            s = np.float32(8.3321608736e-3) - q * np.float32(1.9515295891e-4)
-            s = r + r * q * (q * s - np.float32(1.6666654611e-1))
-            c = q * np.float32(2.443315711809948e-5) - np.float32(1.388731625493765e-3)
-            c = np.float32(1) - np.float32(0.5) * q + q * q * (np.float32(4.166664568298827e-2) + q * c)
-            quarter = np.int32(k)
-            x, y = (c, s) if quarter & 1 else (s, c)
-            sine[j, t] = -x if quarter & 2 else x
-            cosine[j, t] = -y if (quarter + 1) & 2 else y
-
-
-@_inlined_in_written_order
-def sine_in_place(z: F32, n: int) -> None:
-    """Of z[:, :n]; to 1e-7 for |z| < 1000. The polynomial has the least largest error on [-pi / 2, pi / 2], 5e-9."""
-    for j in range(z.shape[0]):
-        for t in range(n):
-            a = z[j, t]
-            k = np.rint(a * np.float32(0.3183098861837907))
-            r = _less_quarters(a, k + k)
-            q = r * r
-            s = np.float32(2.60005465e-6) * q - np.float32(1.98066151e-4)
-            s = s * q + np.float32(8.33301729e-3)
-            s = r + r * q * (s * q - np.float32(1.66666571e-1))
-            z[j, t] = -s if np.int32(k) & 1 else s
 
 
 @inlined
