@@ -61,14 +61,14 @@ class Settings:
 
     def for_size(self) -> Settings:
         """With more joint steps at smaller sizes, where they take less time each, and at larger ones, where networks
-        have more to learn; fewer again beyond DEAREST_SIZE."""
+        have more to learn; beyond DEAREST_SIZE as many fewer as they take longer."""
         if self.target_size is None:
             return self
         ratio = self.target_size / REFERENCE_SIZE
         if ratio < 1:
             factor = min(math.sqrt(1 / ratio), MOST_STEPS)
         else:
-            factor = math.sqrt(min(ratio, (DEAREST_SIZE / REFERENCE_SIZE) ** 2 / ratio))
+            factor = min(ratio, (DEAREST_SIZE / REFERENCE_SIZE) ** 2 / ratio)
         return replace(self, tune_steps=round(self.tune_steps * factor), round_steps=round(self.round_steps * factor))
 
 

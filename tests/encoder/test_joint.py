@@ -12,7 +12,7 @@ import torch
 import trimesh
 
 from cndhf_codec.cli.sizes import parse_size
-from cndhf_codec.encoder import joint, kernel, rounding, settings, vectors
+from cndhf_codec.encoder import joint, kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
 from cndhf_codec.encoder.composite import REACH, SUSPECTS, Batch, Composite, _runs
 from cndhf_codec.encoder.deadline import Deadline
@@ -71,17 +71,6 @@ def job_of(solid: Solid, options: settings.Settings) -> joint.Job:
 
 def networks(width: int = 8, count: int = 2) -> Networks:
     return stacked([initialise(width, 5, 30.0, torch.Generator().manual_seed(k)) for k in range(count)])
-
-
-def test_sine_and_cosine():
-    z = np.linspace(-1000, 1000, 3 * 33_600, dtype=np.float32).reshape(3, -1)
-    sine, cosine = np.empty_like(z), np.empty_like(z)
-    vectors.sine_and_cosine(z, sine, cosine, z.shape[1])
-    np.testing.assert_allclose(sine, np.sin(z.astype(float)), atol=2e-7)
-    np.testing.assert_allclose(cosine, np.cos(z.astype(float)), atol=2e-7)
-    alone = z.copy()
-    vectors.sine_in_place(alone, z.shape[1])
-    np.testing.assert_allclose(alone, np.sin(z.astype(float)), atol=2e-7)
 
 
 @pytest.mark.parametrize("width", [5, 8, 19])
