@@ -1,8 +1,8 @@
 """Products of small matrices with long ones, and sines, in explicit vector instructions.
 
 What the compiler makes of plain loops reaches a third of the processor's speed on matrices of some twenty by twenty: it
-keeps no block of the result in registers. Here every number of a result is summed in the order in which it is written,
-by fused multiplications and additions, so that results do not depend on the processor or on what else is compiled.
+keeps no block of the result in registers. Here every number of a result is summed in the order that is written, by
+fused multiplications and additions, so that results do not depend on what else is compiled.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 LANES = 16  # numbers of a vector; processors with shorter ones take several at a time
-WIDE = bool(llvmlite.binding.get_host_cpu_features().get("avx512f"))
+# Whether numba compiles for a processor with vectors of 16 and 32 registers for them.
+WIDE = "+avx512f" in (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten())
 ROWS, VECTORS = 4, 4 if WIDE else 1  # of a block of a product, as many as registers hold
 DOWN, ACROSS = (4, 4) if WIDE else (2, 4)  # rows and columns of a block of an outer product
 

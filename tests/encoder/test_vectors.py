@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -58,3 +63,34 @@ def test_only_the_first_columns_are_looked_at():
     z[:, LANES:] = 2
     vectors.sine_in_place(z, LANES)
     assert (z[:, LANES:] == 2).all()
+
+
+RESULTS = """
+import sys
+import numpy as np
+from cndhf_codec.encoder import vectors
+rng = np.random.default_rng(0)
+W, x, start, z, G, d = (
+    rng.uniform(-1, 1, n).astype(np.float32) for n in ((35, 21), (21, 160), 35, (35, 160), (35, 21), (35, 160))
+)
+vectors.set_product(W, x, start, np.float32(20), z, 160)
+vectors.add_outer(d, x, G, 160)
+sine, cosine = np.empty_like(z), np.empty_like(z)
+vectors.sine_and_cosine(z, sine, cosine, 160)
+vectors.sine_in_place(z, 160)
+sys.stdout.buffer.write(b"".join(a.tobytes() for a in (z, sine, cosine, G)) + bytes([vectors.WIDE]))
+"""
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names an x86 processor")
+def test_a_processor_of_short_vectors_gives_the_same():
+    old = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "+sse2"}  # it has no fused multiplication, either
+    here, there = (
+        subprocess.run([sys.executable, "-c", RESULTS], capture_output=True, env={**os.environ, **e}, check=True).stdout
+        for e in ({}, old)
+    )
+    assert there[-1] == 0
+    outer = 4 * 35 * 21
+    assert here[: -outer - 1] == there[: -outer - 1]
+    # The sums of outer products are taken in as many parts as a vector has numbers.
+    np.testing.assert_allclose(*(np.frombuffer(b[-outer - 1 : -1], np.float32) for b in (here, there)), atol=1e-5)
