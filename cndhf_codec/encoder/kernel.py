@@ -13,14 +13,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from .vectors import LANES, add_outer, set_product, sine_and_cosine, sine_in_place
+from .vectors import F32, LANES, add_outer, set_product, sine_and_cosine, sine_in_place
 
 TILE = 512  # points evaluated at once: what a network computes for them stays in the cache
 FAR = np.float32(1e3)  # stands for "no such double height field"
 
-F32 = npt.NDArray[np.float32]
 Function = TypeVar("Function", bound=Callable[..., Any])
-
 
 # Sums may be taken in another order, so that loops run on vectors.
 FREEDOMS = {"contract", "reassoc", "nsz"}

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from .kernel import F32, compiled, inlined
+from .kernel import compiled, inlined
 from .siren import Networks
-from .vectors import LANES, add_outer, set_product
+from .vectors import F32, LANES, add_outer, set_product
 
 # Steps that both moments and the preconditioner remember, about. In networks wider than WIDE they are out of date
 # sooner: by the fourth power of the width.
@@ -171,13 +171,8 @@ def _move(
     then the bases where they are to be refreshed."""
     K, P = gradient.shape
     move, rotated = np.empty((K, P), np.float32), gradient.copy()
-    size = grams.shape[-2:]
-    g, half, whole, back = (
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-    )
+    work = np.empty((4, *grams.shape[-2:]), np.float32)
+    g, half, whole, back = work[0], work[1], work[2], work[3]
     for k in range(K):
         for m in range(len(places)):
             at, rows, columns = places[m]
