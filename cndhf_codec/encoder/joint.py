@@ -108,7 +108,7 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     options: list[Plan] = []
     for count in range(1, most + 1):
         width = width_for(settings, count, job.metadata_bytes)
-        if width < LEAST_WIDTH:
+        if settings.width is None and width < LEAST_WIDTH:
             break
         for chosen in costs.sets(count):
             frames = [frame_with_mirrors(costs.axes[i], job.solid.vertices, planes) for i in chosen]

@@ -486,6 +486,12 @@ def test_the_width_follows_from_the_size():
     assert width_for(replace(SMALL, target_size=4096), 1, 30) > at[1]
 
 
+def test_a_width_is_taken_as_given(solid):
+    # 4 is the least that the options allow, less than what a size would be met with.
+    plan = joint.make_plan(job_of(solid, replace(SMALL, target_size=None, width=4, trial_steps=0)), Deadline())
+    assert plan.width == 4
+
+
 @pytest.mark.parametrize(("width", "omega"), [(16, 30), (32, 40), (40, 45)])
 def test_wide_networks_have_a_larger_omega(solid, frames, width, omega):
     few = replace(SMALL, steps=3, tune_steps=3, samples=2000, target_resolution=32, far_cells=8)
