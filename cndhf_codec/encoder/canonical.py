@@ -23,8 +23,8 @@ def fold_biases(networks: Networks) -> Networks:
         tensors = out.tensors(k)
         for at in range(0, len(tensors) - 2, 2):
             matrix, bias, following = tensors[at : at + 3]
-            turns = torch.round(bias.double() * networks.omega / math.pi)
-            bias.copy_(bias.double() - turns * math.pi / networks.omega)
+            turns = torch.round(bias.double() * networks.omegas[k] / math.pi)
+            bias.copy_(bias.double() - turns * math.pi / networks.omegas[k])
             following *= 1 - 2 * (turns % 2).float()
             signs = 1 - 2 * (bias < 0).float()
             bias *= signs

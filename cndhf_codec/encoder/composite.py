@@ -154,6 +154,14 @@ class Composite:
         counts = [len(part) for part in np.array_split(np.arange(quarter), len(sides))] if sides else []
         return parts + [(int(ends[1 + s]), int(ends[2 + s]), n) for s, n in zip(sides, counts, strict=True)]
 
+    def shares(self, networks: Networks) -> list[float]:
+        """(K,) share of the loss that each network answers for."""
+        n = self.n_surface, self.n_space
+        with torch.no_grad():
+            terms = self.terms(networks, *(torch.arange(count, device=self.device) for count in n))
+        cost = torch.cat([part / len(part) for part in terms.cost.double().split(n)])
+        return (torch.bincount(terms.dhf, cost, minlength=len(networks)) / cost.sum()).tolist()
+
     def strays(self, networks: Networks) -> int:
         """How many points are wrongly inside the networks' solid, far outside the truth, or wrongly outside, deep in
         it: of floaters and of slits."""
@@ -236,13 +244,12 @@ class Composite:
         theta_array, boxes = networks.theta.detach().numpy(), self._boxes.numpy()
         on_surface = tuple(t.numpy() for t in (self._surface, self._near_surface, self._seen, self._cosine))
         in_space = tuple(t.numpy() for t in self._in_pool)
+        shape = np.array(networks.widths), networks.hidden_layers + 1, np.array(networks.omegas, dtype=np.float32)
         scales = np.float32(1 / max(n, 1)), np.float32(1 / max(batch.of, 1))
 
         def shard(s: int) -> tuple[np.ndarray, float]:
             on, off = (i[len(i) * s // SHARDS : len(i) * (s + 1) // SHARDS] for i in (batch.surface, batch.space))
-            return kernel.composite_gradient(
-                theta_array, *networks.for_kernel, boxes, on_surface, in_space, on, off, *scales
-            )
+            return kernel.composite_gradient(theta_array, *shape, boxes, on_surface, in_space, on, off, *scales)
 
         gradients, losses = zip(*self._team.map(shard, range(SHARDS)), strict=True)
         return torch.from_numpy(sum(gradients[1:], start=gradients[0])), sum(losses)

@@ -49,14 +49,14 @@ def one_torch_thread() -> Iterator[None]:
 
 def fit_all(
     targets: list[HeightTargets],
-    settings: Settings,
+    settings: list[Settings],
     seed: int,
     device: torch.device,
     team: Team,
     on_steps: OnSteps,
     deadline: Deadline,
 ) -> list[Networks]:
-    """Fit every DHF alone, side by side; for fewer steps when the deadline comes first.
+    """Fit every DHF alone, with settings of its own, side by side; for fewer steps when the deadline comes first.
 
     Each fit runs in one thread, so that the result does not depend on their number. Raises EncodeError when a fit
     diverges.
@@ -69,10 +69,10 @@ def fit_all(
         def report(step: int, loss: float) -> None:
             with lock:
                 done[i], losses[i] = step, loss
-                on_steps(sum(done), settings.steps * len(targets), float(np.nanmean(losses)))
+                on_steps(sum(done), sum(s.steps for s in settings), float(np.nanmean(losses)))
 
         try:
-            return _fit(targets[i], settings, seed + i, device, stop, report, deadline)
+            return _fit(targets[i], settings[i], seed + i, device, stop, report, deadline)
         except BaseException:
             # Interrupted or failed: the other fits must not run on.
             stop.set()

@@ -27,8 +27,8 @@ F64 = npt.NDArray[np.float64]
 
 def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free: npt.NDArray[np.bool_]) -> list[F64]:
     """The matrix of every network, from a fresh draw of samples: rows and columns are the weights that are `free`, a
-    mask (K, P), in file order."""
-    weights = networks.theta.numel()
+    mask (K, P), in file order. No matrix is made for a network that has none."""
+    weights = sum(networks.counts)
     rng = np.random.default_rng(seed)
     surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), rng)
     with torch.no_grad():
@@ -44,13 +44,13 @@ def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free
     theta = networks.theta.detach().cpu().numpy()
     out = []
     for k in range(len(networks)):
-        rows = np.flatnonzero((dhf == k) & (weight > 0))
-        uv = terms.uv[k].cpu().numpy()
         columns = np.flatnonzero(free[k])
         H = np.zeros((len(columns), len(columns)))
+        rows = np.flatnonzero((dhf == k) & (weight > 0)) if len(columns) else columns
+        uv = terms.uv[k].cpu().numpy()
         for at in range(0, len(rows), ROWS):
             part = rows[at : at + ROWS]
-            jacobian = kernel.jacobian(theta[k], *networks.for_kernel, uv[part], side[part])
+            jacobian = kernel.jacobian(theta[k, : networks.counts[k]], *networks.for_kernel(k), uv[part], side[part])
             jacobian = jacobian[:, columns]
             jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
             _add_square(H, jacobian, team)

@@ -21,7 +21,7 @@ from .deadline import Deadline
 from .fit import fit_all, one_torch_thread
 from .heights import Frame, height_targets
 from .progress import Stage
-from .rounding import Codes, relative_steps, round_networks, sensitivities, step_codes
+from .rounding import Codes, relative_steps, round_networks, sensitivities, step_codes, weight_steps
 from .samples import FarSpace, draw_samples
 from .settings import Settings
 from .siren import Networks, stacked
@@ -34,6 +34,7 @@ from .verify import surface_distances
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
 DHF_BYTES = 40 + 14  # record and scale codes of a DHF of five hidden layers
 LEAST_WIDTH = 5
+BALANCE, LEAST_SHARE = 0.5, 1e-3  # see `widths_for`
 WIDE, MOST_OMEGA = 24, 1.5  # beyond this width omega grows with the width, to at most 1.5 times the preset's
 AIM = 0.98  # of the size asked for is what the rounding aims at: the size is known only afterwards
 WITHIN = 0.95  # of the size asked for is the least that is good enough
@@ -86,13 +87,15 @@ def encode_joint(
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Axes (as frames) and width of the networks; the shares are of the input's surface.
+    """Axes (as frames) and widths of their networks; covered and visible are shares of the input's surface.
 
+    shares: of the surface for which each axis is the best of them, or, after a trial, of the loss that it answers for.
     floor: about the Chamfer distance of the exact height fields (normalised units).
     """
 
     frames: list[Frame]
-    width: int
+    shares: list[float]
+    widths: list[int]
     floor: float
     covered: float
     visible: float
@@ -107,13 +110,14 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     most = 1 if costs.visible == 0 else settings.max_axes or 1
     options: list[Plan] = []
     for count in range(1, most + 1):
-        width = width_for(settings, count, job.metadata_bytes)
-        if settings.width is None and width < LEAST_WIDTH:
+        if not widths_for(settings, [1.0] * count, job.metadata_bytes):
             break
         for chosen in costs.sets(count):
             frames = [frame_with_mirrors(costs.axes[i], job.solid.vertices, planes) for i in chosen]
             floor = costs.floor(chosen) + (max(p.error for p in planes) / 2 if any(f.fold for f in frames) else 0)
-            options.append(Plan(frames, width, floor, costs.covered(chosen), costs.visible))
+            shares = costs.shares(chosen).tolist()
+            widths = widths_for(settings, shares, job.metadata_bytes)
+            options.append(Plan(frames, shares, widths, floor, costs.covered(chosen), costs.visible))
     if not options:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
@@ -126,19 +130,24 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
         error = math.inf
         if plan.floor < min(errors, default=math.inf):
             time_left = deadline.part(1 / (len(options) - k + FINALISTS * LONGER))
-            error = _predicted(plan, _trial(job, plan, settings.trial_steps, time_left), SHRINK)
+            error = _predicted(plan, _trial(job, plan, settings.trial_steps, time_left).error, SHRINK)
         errors.append(error)
         report(k + 1, min(errors))
     order = np.argsort(errors, kind="stable")[:FINALISTS]
     finalists = [options[k] for k in order if errors[k] < CLOSE * errors[order[0]]] or [options[order[0]]]
-    if len(finalists) == 1:
-        return finalists[0]
     errors = []
+    trials = []
     for k, plan in enumerate(finalists):
-        trial = _trial(job, plan, settings.trial_steps * LONGER, deadline.part(1 / (len(finalists) - k)))
-        errors.append(_predicted(plan, trial, LONGER_SHRINK))
+        trials.append(_trial(job, plan, settings.trial_steps * LONGER, deadline.part(1 / (len(finalists) - k))))
+        errors.append(_predicted(plan, trials[k].error, LONGER_SHRINK))
         report(len(options) + k + 1, min(errors))
-    return finalists[int(np.argmin(errors))]
+    best = int(np.argmin(errors))
+    return with_shares(finalists[best], trials[best].shares, job)
+
+
+def with_shares(plan: Plan, shares: list[float], job: Job) -> Plan:
+    """The plan with other shares, and the widths that follow."""
+    return replace(plan, shares=shares, widths=widths_for(job.settings, shares, job.metadata_bytes))
 
 
 def _predicted(plan: Plan, trial: float, shrink: float) -> float:
@@ -146,17 +155,25 @@ def _predicted(plan: Plan, trial: float, shrink: float) -> float:
     return plan.floor + shrink * NARROWER ** (len(plan.frames) - 2) * (trial - plan.floor)
 
 
-def width_for(settings: Settings, count: int, metadata_bytes: int) -> int:
-    """The width asked for, or that at which `count` networks fill the target size at the preset's bits a weight."""
+def widths_for(settings: Settings, shares: list[float], metadata_bytes: int) -> list[int]:
+    """The width asked for, or those at which networks, one for each share of the surface, fill the target size at the
+    preset's bits a weight: their weights grow with the share by the power of BALANCE. None where there is no room."""
     if settings.width is not None:
-        return settings.width
+        return [settings.width] * len(shares)
     assert settings.target_size is not None
-    room = settings.target_size * AIM - FILE_BYTES - metadata_bytes - count * DHF_BYTES
-    parameters = room * 8 / settings.bits / count
-    width = 0
-    while width < MAX_WIDTH and parameter_count(width + 1, settings.hidden_layers) <= parameters:
-        width += 1
-    return width
+    room = settings.target_size * AIM - FILE_BYTES - metadata_bytes - len(shares) * DHF_BYTES
+    parameters = room * 8 / settings.bits
+    needs = np.maximum(shares, LEAST_SHARE) ** BALANCE
+    size = lambda width: parameter_count(width, settings.hidden_layers)  # noqa: E731
+    widths = [LEAST_WIDTH] * len(shares)
+    if sum(map(size, widths)) > parameters:
+        return []
+    while True:
+        room = parameters - sum(map(size, widths))
+        wider = [k for k, w in enumerate(widths) if w < MAX_WIDTH and size(w + 1) - size(w) <= room]
+        if not wider:
+            return widths
+        widths[min(wider, key=lambda k: size(widths[k] + 1) / needs[k])] += 1
 
 
 def omega_for(settings: Settings, width: int) -> int:
@@ -173,21 +190,23 @@ def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks
         except IdleNetworkError as idle:
             # Rounding would take an idle network for one that may be rounded as coarsely as one likes.
             frames = [f for k, f in enumerate(plan.frames) if k != idle.number]
-            plan = replace(plan, frames=frames, width=width_for(job.settings, len(frames), job.metadata_bytes))
+            shares = [s for k, s in enumerate(plan.shares) if k != idle.number]
+            plan = with_shares(replace(plan, frames=frames), shares, job)
 
 
 def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Composite, float]:
     """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes. Raises
     IdleNetworkError when the others do without one of them."""
     solid, team = job.solid, job.team
-    settings = replace(job.settings, width=plan.width, omega=omega_for(job.settings, plan.width))
+    settings = job.settings
+    of_each = [replace(settings, width=w, omega=omega_for(settings, w)) for w in plan.widths]
     targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
     report_all = job.stage("fit", settings.steps * len(targets))
 
     def on_steps(done: int, total: int, loss: float) -> None:
         report_all(done, loss)
 
-    fitted = fit_all(targets, settings, job.seed, job.device, team, on_steps, deadline.part(ALONE_SHARE))
+    fitted = fit_all(targets, of_each, job.seed, job.device, team, on_steps, deadline.part(ALONE_SHARE))
     networks = stacked(fitted)
     networks = replace(networks, theta=networks.theta.to(job.device))
     samples = draw_samples(solid, plan.frames, settings.samples, job.seed)
@@ -237,8 +256,17 @@ def round_to_size(
     return best
 
 
-def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> float:
-    """Chamfer distance (normalised) after a short fit; infinite when it leaves nothing, or a DHF has nothing to do."""
+@dataclass(frozen=True)
+class Trial:
+    """error: Chamfer distance (normalised) after a short fit; infinite when it leaves nothing, or a DHF has nothing to
+    do. shares: of the loss, which each DHF answers for then."""
+
+    error: float
+    shares: list[float]
+
+
+def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> Trial:
+    failed = Trial(math.inf, plan.shares)
     short = replace(
         job.settings,
         steps=job.settings.trial_steps // 3,
@@ -249,16 +277,17 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> float:
     )
     silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731
     try:
-        networks, _, _ = fit_plan(replace(job, settings=short, stage=silent), plan, deadline)
+        networks, composite, _ = fit_plan(replace(job, settings=short, stage=silent), plan, deadline)
     except IdleNetworkError:
-        return math.inf
+        return failed
     records = _records(networks, _finest(networks), plan.frames)
     try:
         surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).to_mesh(TRIAL_RESOLUTION)
     except CndhfError:
-        return math.inf
+        return failed
     truth = job.solid.vertices, job.solid.faces
-    return surface_distances(*truth, surface.vertices, surface.faces, job.seed, TRIAL_POINTS).chamfer
+    distances = surface_distances(*truth, surface.vertices, surface.faces, job.seed, TRIAL_POINTS)
+    return Trial(distances.chamfer, composite.shares(networks))
 
 
 def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) -> float:
@@ -273,13 +302,12 @@ def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) ->
 
 def _symbols(networks: Networks, codes: Codes) -> list[list[Symbols]]:
     """Every tensor of every network in whole steps, neurons in canonical order."""
-    whole = np.rint(networks.weights() * np.repeat(2.0 ** (codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)).astype(
-        np.int32
-    )
-    ends = np.cumsum(networks.sizes)[:-1]
-    return [
-        sort_neurons([p.reshape(s) for p, s in zip(np.split(row, ends), networks.shapes, strict=True)]) for row in whole
-    ]
+    whole = np.rint(networks.weights() / weight_steps(networks, codes)).astype(np.int32)
+    out = []
+    for k, (row, count) in enumerate(zip(whole, networks.counts, strict=True)):
+        parts = np.split(row[:count], np.cumsum(networks.sizes(k))[:-1])
+        out.append(sort_neurons([p.reshape(s) for p, s in zip(parts, networks.shapes(k), strict=True)]))
+    return out
 
 
 def _finest(networks: Networks) -> Codes:
@@ -294,14 +322,16 @@ def _records(networks: Networks, codes: Codes, frames: list[Frame]) -> list[DhfR
             quaternion=frame.quaternion,
             box=frame.box,
             fold=frame.fold,
-            width=networks.width,
+            width=width,
             hidden_layers=networks.hidden_layers,
-            omega_first=round(networks.omega),
-            omega_hidden=round(networks.omega),
+            omega_first=round(omega),
+            omega_hidden=round(omega),
             step_codes=tuple(int(c) for c in of_network),
             symbols=tuple(symbols),
         )
-        for frame, of_network, symbols in zip(frames, codes, _symbols(networks, codes), strict=True)
+        for frame, width, omega, of_network, symbols in zip(
+            frames, networks.widths, networks.omegas, codes, _symbols(networks, codes), strict=True
+        )
     ]
 
 

@@ -1,7 +1,8 @@
 """The networks and the composite loss, compiled: forward and backward passes that stay in the cache.
 
-Networks are rows of `theta`, (K, P) float32: K networks of equal shape, the weights of each in file order. Everything
-here is called with the interpreter's lock released, so that threads run side by side.
+Networks are rows of `theta`, (K, P) float32: K networks with as many layers, the weights of each in file order, and
+zeros after those of narrower networks. Everything here is called with the interpreter's lock released, so that threads
+run side by side.
 """
 
 from __future__ import annotations
@@ -215,9 +216,9 @@ def _place(point: F32, box: F32, x: F32, m: int) -> None:
 @compiled
 def composite_gradient(
     theta: F32,
-    width: int,
+    widths: npt.NDArray[np.int64],
     layers: int,
-    omega: np.float32,
+    omegas: F32,
     boxes: F32,
     surface: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32],
     space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
@@ -237,7 +238,8 @@ def composite_gradient(
     then asked once more, in a pass that can be gone back through.
     """
     K, first, total = len(theta), len(on), len(on) + len(off)
-    a, b = np.empty((width, TILE), np.float32), np.empty((width, TILE), np.float32)
+    widest, counts = widths.max(), (layers - 1) * widths * (widths + 1) + 5 * widths + 2
+    a, b = np.empty((widest, TILE), np.float32), np.empty((widest, TILE), np.float32)
     x, y = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
     slack, far = np.empty((K, TILE), np.float32), np.empty((K, TILE), np.bool_)
     column = np.empty(TILE, np.int64)
@@ -263,7 +265,8 @@ def composite_gradient(
                         m += 1
                 if m == 0:
                     continue
-                values(theta[k], width, layers, omega, x, _filled(x, m), a, b, y)
+                w, n_k = widths[k], _filled(x, m)
+                values(theta[k, : counts[k]], w, layers, omegas[k], x, n_k, a[:w], b[:w], y)
                 for c in range(m):
                     t = column[c]
                     z = points[k, rows[t], 2]
@@ -299,9 +302,10 @@ def composite_gradient(
                 active[s], side[s] = who, 1 if far[who, t] else 0
 
     grad = np.zeros(theta.shape, np.float32)
-    xs, slopes = np.empty((layers, width, TILE), np.float32), np.empty((layers, width, TILE), np.float32)
     g = np.empty((2, TILE), np.float32)
     for k in range(K):
+        w, own, of_own = widths[k], theta[k, : counts[k]], grad[k, : counts[k]]
+        xs, slopes = np.empty((layers, w, TILE), np.float32), np.empty((layers, w, TILE), np.float32)
         m = 0
         for s in range(total + 1):
             if s < total and active[s] == k and slope[s] != 0:
@@ -312,7 +316,7 @@ def composite_gradient(
             if m == TILE or (m and s == total):
                 n = _filled(x, m)
                 g[:, m:n] = 0
-                forward(theta[k], width, layers, omega, x, n, xs, slopes)
-                backward(theta[k], width, layers, omega, x, n, xs, slopes, g, grad[k])
+                forward(own, w, layers, omegas[k], x, n, xs, slopes)
+                backward(own, w, layers, omegas[k], x, n, xs, slopes, g, of_own)
                 m = 0
     return grad, loss

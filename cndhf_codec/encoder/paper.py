@@ -30,7 +30,8 @@ def encode_paper(
     targets = [height_targets(solid, f, settings.target_resolution) for f in frames]
     on_fit = stage("fit", settings.steps * len(targets))
     with one_torch_thread(), Team(threads) as team:
-        fitted = fit_all(targets, settings, seed, device, team, lambda done, total, loss: on_fit(done, loss), deadline)
+        alike = [settings] * len(targets)
+        fitted = fit_all(targets, alike, seed, device, team, lambda done, total, loss: on_fit(done, loss), deadline)
     on_rounded = stage("round", len(targets))
     records = []
     for k, (network, target) in enumerate(zip(fitted, targets, strict=True)):

@@ -38,8 +38,7 @@ Codes = npt.NDArray[np.int64]  # (K, tensors) step codes
 def sensitivities(networks: Networks, composite: Composite, seed: int, team: Team) -> list[list[F64]]:
     """The Gauss-Newton matrices of all weights, as `round_networks` takes them: for every part of the weights that is
     rounded together, the matrix of each network."""
-    mask = np.ones(networks.theta.shape, dtype=bool)
-    return [blocks(networks, composite, seed, team, mask & part) for part in _parts(networks)]
+    return [blocks(networks, composite, seed, team, part) for part in _parts(networks)]
 
 
 def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
@@ -49,29 +48,29 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
     its U_ii. No network's steps are more than COARSEST coarser, on average, than those of the finest.
     """
-    logs = np.concatenate(
-        [np.stack([-np.log2(np.diag(_inverse_factor(H))) for H in part]) for part in matrices], axis=1
-    )
-    level = logs.mean(axis=1)
+    logs = [
+        np.concatenate([-np.log2(np.diag(_inverse_factor(part[k]))) for part in matrices if len(part[k])])
+        for k in range(len(networks))
+    ]
+    levels = np.array([of_network.mean() for of_network in logs])
     # What hardly matters now would matter if it were rounded to something else altogether.
-    logs -= np.maximum(level - level.min() - COARSEST, 0)[:, None]
-    return np.add.reduceat(logs, _starts(networks), axis=1) / networks.sizes
+    excess = np.maximum(levels - levels.min() - COARSEST, 0)
+    return _sums(networks, logs) / _sizes(networks) - excess[:, None]
 
 
 def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
     """Step code of every tensor, for about `bits` bits a weight; `logs` is what `relative_steps` gives."""
-    theta = networks.weights()
-    sizes = np.array(networks.sizes)
-    squares = np.add.reduceat(theta**2, _starts(networks), axis=1) / sizes
-    spread = np.log2(np.maximum(np.sqrt(squares), 1e-9))
+    theta, sizes = networks.weights(), _sizes(networks)
+    rows = [row[:count] for row, count in zip(theta, networks.counts, strict=True)]
+    spread = np.log2(np.maximum(np.sqrt(_sums(networks, [row**2 for row in rows]) / sizes), 1e-9))
     # Bits of a tensor at step 2^(log + level), as for Gaussians; bisect the level.
     low, high = -60.0, 60.0
     for _ in range(60):
         level = (low + high) / 2
-        spent = (np.maximum(spread - logs - level + GAUSSIAN_BITS, 0.2) * sizes).sum() / theta.size
+        spent = (np.maximum(spread - logs - level + GAUSSIAN_BITS, 0.2) * sizes).sum() / sizes.sum()
         low, high = (level, high) if spent > bits else (low, level)
     # No finer than the symbols' range allows.
-    largest = np.maximum.reduceat(np.abs(theta), _starts(networks), axis=1)
+    largest = np.stack([np.maximum.reduceat(np.abs(row), _starts(networks, k)) for k, row in enumerate(rows)])
     finest = np.log2(np.maximum(largest, 1e-9) * GROWTH / MAX_SYMBOL)
     codes = np.floor(-np.maximum(logs + level, finest) * STEPS_PER_OCTAVE + 0.5)
     return np.clip(codes, 0, STEP_CODE_MASK).astype(np.int64)
@@ -94,7 +93,7 @@ def round_networks(
     for `settings.round_steps` steps between rounds. matrices: what `sensitivities` gives for the
     networks as they come.
     """
-    steps = np.repeat(2.0 ** (-codes / STEPS_PER_OCTAVE), networks.sizes, axis=1)
+    steps = weight_steps(networks, codes)
     held = np.zeros(steps.shape, dtype=bool)
     for r in range(settings.rounds):
         last = r == settings.rounds - 1
@@ -103,7 +102,9 @@ def round_networks(
         for p, part in enumerate(_parts(networks)):
             of_free = matrices[p] if r == 0 else blocks(networks, composite, seed + r, team, ~before & part)
             for k, H in enumerate(of_free):
-                free = np.flatnonzero(~before[k] & part)
+                free = np.flatnonzero(~before[k] & part[k])
+                if not len(free):
+                    continue
                 step = steps[k, free]
                 order = np.argsort(-np.diag(H) * step**2, kind="stable")
                 count = len(free) if last else round(len(free) * FIRST_ROUND)
@@ -131,16 +132,37 @@ def round_networks(
 
 
 def _parts(networks: Networks) -> npt.NDArray[np.bool_]:
-    """(parts, P) masks of the weights that are rounded together: whole tensors, and all of them when they are few."""
-    sizes = np.array(networks.sizes)
-    count = math.ceil(sizes.sum() / TOGETHER)
-    of_tensor = np.minimum((np.cumsum(sizes) - sizes / 2) * count // sizes.sum(), count - 1)
-    return np.repeat(of_tensor, sizes) == np.arange(count)[:, None]
+    """(parts, K, P) masks of the weights that are rounded together: whole tensors, and all of a network's when they are
+    few."""
+    counts = [math.ceil(n / TOGETHER) for n in networks.counts]
+    masks = np.zeros((max(counts), *networks.theta.shape), dtype=bool)
+    for k, (sizes, count) in enumerate(zip(_sizes(networks), counts, strict=True)):
+        of_tensor = np.minimum((np.cumsum(sizes) - sizes / 2) * count // sizes.sum(), count - 1)
+        masks[:count, k, : sizes.sum()] = np.repeat(of_tensor, sizes) == np.arange(count)[:, None]
+    return masks
 
 
-def _starts(networks: Networks) -> npt.NDArray[np.int64]:
-    """Where each tensor begins in a row of theta."""
-    return np.cumsum([0, *networks.sizes[:-1]])
+def weight_steps(networks: Networks, codes: Codes) -> F64:
+    """(K, P): the step of every weight."""
+    steps = np.ones(networks.theta.shape)
+    for k, count in enumerate(networks.counts):
+        steps[k, :count] = np.repeat(2.0 ** (-codes[k] / STEPS_PER_OCTAVE), networks.sizes(k))
+    return steps
+
+
+def _sizes(networks: Networks) -> npt.NDArray[np.int64]:
+    """(K, tensors): how many weights each has."""
+    return np.array([networks.sizes(k) for k in range(len(networks))])
+
+
+def _starts(networks: Networks, k: int) -> npt.NDArray[np.int64]:
+    """Where each tensor begins in the row of network k."""
+    return np.cumsum([0, *networks.sizes(k)[:-1]])
+
+
+def _sums(networks: Networks, rows: list[F64]) -> F64:
+    """(K, tensors): sums over the tensors of what there is of every weight, a row a network."""
+    return np.stack([np.add.reduceat(row, _starts(networks, k)) for k, row in enumerate(rows)])
 
 
 def _inverse_factor(H: F64) -> F64:

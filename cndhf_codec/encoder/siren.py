@@ -11,35 +11,51 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ..format.container import tensor_shapes
+from ..format.container import parameter_count, tensor_shapes
 from . import kernel
 
 
 @dataclass(frozen=True, eq=False)
 class Networks:
-    """K SIRENs of equal shape, 2 inputs and 2 outputs. theta: (K, P) float32, the weights of each in file order."""
+    """K SIRENs with as many layers, 2 inputs and 2 outputs.
+
+    theta: (K, P) float32, the weights of each in file order; those of narrower networks end in zeros.
+    """
 
     theta: torch.Tensor
-    width: int
+    widths: tuple[int, ...]
     hidden_layers: int  # sine layers after the first
-    omega: float
+    omegas: tuple[float, ...]
 
     def __len__(self) -> int:
         return len(self.theta)
 
-    @property
-    def shapes(self) -> list[tuple[int, ...]]:
-        return tensor_shapes(self.width, self.hidden_layers)
+    def shapes(self, k: int) -> list[tuple[int, ...]]:
+        """Of the tensors of network k."""
+        return tensor_shapes(self.widths[k], self.hidden_layers)
+
+    def sizes(self, k: int) -> list[int]:
+        """Weights in each tensor of network k."""
+        return [math.prod(s) for s in self.shapes(k)]
 
     @property
-    def sizes(self) -> list[int]:
-        """Weights in each tensor."""
-        return [math.prod(s) for s in self.shapes]
+    def counts(self) -> list[int]:
+        """Weights of each network."""
+        return [parameter_count(w, self.hidden_layers) for w in self.widths]
+
+    @property
+    def used(self) -> npt.NDArray[np.bool_]:
+        """(K, P): what of theta is weights."""
+        return np.arange(self.theta.shape[1]) < np.array(self.counts)[:, None]
+
+    def row(self, k: int) -> torch.Tensor:
+        """(P_k,): the weights of network k, a view."""
+        return self.theta[k, : self.counts[k]]
 
     def tensors(self, k: int) -> list[torch.Tensor]:
         """Views of the tensors of network k, shaped as `format.container.tensor_shapes` says."""
-        parts = torch.split(self.theta[k], self.sizes)
-        return [p.view(s) for p, s in zip(parts, self.shapes, strict=True)]
+        parts = torch.split(self.row(k), self.sizes(k))
+        return [p.view(s) for p, s in zip(parts, self.shapes(k), strict=True)]
 
     def weights(self) -> npt.NDArray[np.float64]:
         """(K, P) copy of theta in float64."""
@@ -48,15 +64,20 @@ class Networks:
     def copy(self) -> Networks:
         return replace(self, theta=self.theta.detach().clone())
 
-    @property
-    def for_kernel(self) -> tuple[int, int, np.float32]:
-        """Width, sine layers and omega, as the functions of `kernel` take them."""
-        return self.width, self.hidden_layers + 1, np.float32(self.omega)
+    def for_kernel(self, k: int) -> tuple[int, int, np.float32]:
+        """Width, sine layers and omega of network k, as the functions of `kernel` take them."""
+        return self.widths[k], self.hidden_layers + 1, np.float32(self.omegas[k])
 
 
 def stacked(networks: Sequence[Networks]) -> Networks:
-    """All networks in one; they have equal shapes."""
-    return replace(networks[0], theta=torch.cat([n.theta for n in networks]))
+    """All networks in one; they have as many layers."""
+    longest = max(n.theta.shape[1] for n in networks)
+    return Networks(
+        torch.cat([torch.nn.functional.pad(n.theta, (0, longest - n.theta.shape[1])) for n in networks]),
+        tuple(w for n in networks for w in n.widths),
+        networks[0].hidden_layers,
+        tuple(omega for n in networks for omega in n.omegas),
+    )
 
 
 def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Generator) -> Networks:
@@ -68,13 +89,13 @@ def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Ge
         weight_limit = 1 / inputs if k == 0 else math.sqrt(6 / inputs) / omega
         limit = 1 / math.sqrt(inputs) if len(shape) == 1 else weight_limit
         parts.append((torch.rand(math.prod(shape), generator=generator) * 2 - 1) * limit)
-    return Networks(torch.cat(parts)[None], width, hidden_layers, omega)
+    return Networks(torch.cat(parts)[None], (width,), hidden_layers, (omega,))
 
 
 def heights(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
     """(N, 2) -> (N, 2): near and far height of network k, differentiable in theta. Compiled on the CPU."""
     if uv.device.type == "cpu":
-        return _Heights.apply(uv.contiguous(), networks.theta[k], *networks.for_kernel)
+        return _Heights.apply(uv.contiguous(), networks.row(k), *networks.for_kernel(k))
     return forward(networks, k, uv)
 
 
@@ -82,7 +103,7 @@ def forward(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
     """(..., 2) -> (..., 2): near and far height of network k, by torch's own differentiation."""
     tensors, x = networks.tensors(k), uv
     for at in range(0, len(tensors) - 2, 2):
-        x = torch.sin(networks.omega * torch.nn.functional.linear(x, tensors[at], tensors[at + 1]))
+        x = torch.sin(networks.omegas[k] * torch.nn.functional.linear(x, tensors[at], tensors[at + 1]))
     return torch.nn.functional.linear(x, tensors[-2], tensors[-1])
 
 

@@ -1,4 +1,4 @@
-"""SOAP for networks of equal shape: Adam in the eigenbasis of Shampoo's preconditioner.
+"""SOAP for small networks: Adam in the eigenbasis of Shampoo's preconditioner.
 
 Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024). Compiled: with matrices as small as
 these, calls of a library's functions would cost more than the networks' own forward and backward pass.
@@ -22,7 +22,8 @@ SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest e
 FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
 
-Places = npt.NDArray[np.int64]  # (M, 3): where each matrix starts in a row of theta, its rows and its columns
+F64 = npt.NDArray[np.float64]
+Places = npt.NDArray[np.int64]  # (K, M, 3): where each matrix starts in a row of theta, its rows and its columns
 
 
 class Soap:
@@ -30,29 +31,36 @@ class Soap:
 
     def __init__(self, networks: Networks) -> None:
         self._theta = networks.theta.detach()
-        starts = np.cumsum([0, *networks.sizes])
-        self._places = np.array([(starts[i], *shape) for i, shape in enumerate(networks.shapes) if len(shape) == 2])
+        self._places = np.array([_places(networks, k) for k in range(len(networks))])
         self._step = 0
-        self._fade = np.float32(1 / max(MEMORY * min(1.0, (WIDE / networks.width) ** 4), LEAST_MEMORY))
+        widths = np.array(networks.widths)
+        memory = np.maximum(MEMORY * np.minimum(1.0, (WIDE / widths) ** 4), LEAST_MEMORY)
+        self._fade = (1 / memory).astype(np.float32)  # (K,)
         self._first, self._second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
         # Of each matrix, for its rows and for its columns; with zeros beyond its size, up to whole vectors.
-        side = networks.width + -networks.width % LANES
-        shape = (len(networks), len(self._places), 2, side, side)
+        side = max(networks.widths) + -max(networks.widths) % LANES
+        shape = (*self._places.shape[:2], 2, side, side)
         self._grams, self._bases = (np.zeros(shape, np.float32) for _ in range(2))
 
-    def step(self, gradient: torch.Tensor, rate: float) -> None:
-        """One step along `gradient`, (K, P). The first call only sets up the eigenbasis."""
+    def step(self, gradient: torch.Tensor, rate: float | F64) -> None:
+        """One step along `gradient`, (K, P); rate: of all networks, or (K,) of each. The first call only sets up the
+        eigenbasis."""
         g = gradient.detach().cpu().numpy()
         if not self._bases.any():
             _first_bases(g, self._places, self._fade, self._grams, self._bases)
             return
         self._step += 1
-        correction = 1 - (1 - float(self._fade)) ** self._step
-        scale = np.float32(rate * correction**0.5 / correction)
+        correction = 1 - (1 - self._fade.astype(np.float64)) ** self._step
+        scale = (rate / correction**0.5).astype(np.float32)
         refresh = self._step % REFRESH == 0
         state = self._grams, self._bases, self._first, self._second
         move = _move(g, self._places, self._fade, *state, scale, refresh)
         self._theta.sub_(torch.from_numpy(move).to(self._theta.device))
+
+
+def _places(networks: Networks, k: int) -> list[tuple[int, ...]]:
+    starts = np.cumsum([0, *networks.sizes(k)])
+    return [(int(starts[i]), *shape) for i, shape in enumerate(networks.shapes(k)) if len(shape) == 2]
 
 
 @inlined
@@ -139,13 +147,13 @@ def _iterate(gram: F32, basis: F32) -> None:
 
 
 @compiled
-def _first_bases(gradient: F32, places: Places, fade: np.float32, grams: F32, bases: F32) -> None:
+def _first_bases(gradient: F32, places: Places, fade: F32, grams: F32, bases: F32) -> None:
     g = np.empty(grams.shape[-2:], np.float32)
     for k in range(len(gradient)):
-        for m in range(len(places)):
-            at, rows, columns = places[m]
+        for m in range(places.shape[1]):
+            at, rows, columns = places[k, m]
             _load(gradient[k], at, rows, columns, g)
-            _add_to_grams(g, rows, columns, fade, grams[k, m, 0], grams[k, m, 1])
+            _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
             for side in range(2):
                 n = rows if side == 0 else columns
                 basis = bases[k, m, side, :n, :n]
@@ -159,12 +167,12 @@ def _first_bases(gradient: F32, places: Places, fade: np.float32, grams: F32, ba
 def _move(
     gradient: F32,
     places: Places,
-    fade: np.float32,
+    fade: F32,
     grams: F32,
     bases: F32,
     first: F32,
     second: F32,
-    scale: np.float32,
+    scale: F32,
     refresh: bool,
 ) -> F32:
     """(K, P): what a step takes from the weights. Brings the moments, in the eigenbasis, and the grams up to date, and
@@ -174,20 +182,20 @@ def _move(
     work = np.empty((4, *grams.shape[-2:]), np.float32)
     g, half, whole, back = work[0], work[1], work[2], work[3]
     for k in range(K):
-        for m in range(len(places)):
-            at, rows, columns = places[m]
+        for m in range(places.shape[1]):
+            at, rows, columns = places[k, m]
             left, right = bases[k, m, 0], bases[k, m, 1]
             _load(gradient[k], at, rows, columns, g)
-            _add_to_grams(g, rows, columns, fade, grams[k, m, 0], grams[k, m, 1])
+            _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
             _product(left[:rows, :rows].T, g, half, columns)
             _product(half[:rows, :columns], right, whole, columns)
             _store(whole, rotated[k], at, rows, columns)
         for i in range(P):
-            first[k, i] += fade * (rotated[k, i] - first[k, i])
-            second[k, i] += fade * (rotated[k, i] * rotated[k, i] - second[k, i])
-            move[k, i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
-        for m in range(len(places)):
-            at, rows, columns = places[m]
+            first[k, i] += fade[k] * (rotated[k, i] - first[k, i])
+            second[k, i] += fade[k] * (rotated[k, i] * rotated[k, i] - second[k, i])
+            move[k, i] = scale[k] * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
+        for m in range(places.shape[1]):
+            at, rows, columns = places[k, m]
             left, right = bases[k, m, 0], bases[k, m, 1]
             _flip(right, back)
             _load(move[k], at, rows, columns, g)

@@ -47,7 +47,7 @@ def tune(
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges, and, with no weight
     held, IdleNetworkError when no sample of AT_ONCE steps has pulled at one of several networks.
     """
-    rate *= min(1.0, (STEADY / networks.width) ** 2)
+    rates = rate * np.minimum(1.0, (STEADY / np.array(networks.widths)) ** 2)
     rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
     start = networks.theta.clone()
@@ -68,7 +68,7 @@ def tune(
             pulled |= gradient.any(dim=1)
         else:
             gradient.masked_fill_(held, 0)
-        optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
+        optimiser.step(gradient, rates * cosine_schedule(step, done, WARM_UP))
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)
         if step % AT_ONCE == 0 or step == steps:

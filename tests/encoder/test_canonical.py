@@ -49,7 +49,7 @@ def test_sorted_neurons_are_the_same_network():
         for bias in after[k][1:-2:2]:
             assert (np.diff(bias, prepend=0) >= 0).all()
         rebuilt = [
-            Networks(torch.cat([torch.from_numpy(t / 1000).float().ravel() for t in tensors])[None], 9, 3, 30)
+            Networks(torch.cat([torch.from_numpy(t / 1000).float().ravel() for t in tensors])[None], (9,), 3, (30,))
             for tensors in (whole[k], after[k])
         ]
         assert torch.allclose(heights(rebuilt[0], 0, uv), heights(rebuilt[1], 0, uv), atol=1e-4)

@@ -37,7 +37,7 @@ def targets():
 def fit(targets, settings=SMALL, seed=0, threads=1, on_steps=lambda *_: None, deadline=None):
     deadline = deadline or Deadline()
     with Team(threads) as team:
-        networks = fit_all(targets, settings, seed, CPU, team, on_steps, deadline)
+        networks = fit_all(targets, [settings] * len(targets), seed, CPU, team, on_steps, deadline)
     return [[t.numpy() for t in n.tensors(0)] for n in networks]
 
 

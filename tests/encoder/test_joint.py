@@ -12,13 +12,14 @@ import torch
 import trimesh
 
 from cndhf_codec.cli.sizes import parse_size
+from cndhf_codec.decoder.network import Network
 from cndhf_codec.encoder import joint, kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
 from cndhf_codec.encoder.composite import REACH, SUSPECTS, Batch, Composite, _runs
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
-from cndhf_codec.encoder.joint import width_for
+from cndhf_codec.encoder.joint import widths_for
 from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.read import read_mesh
@@ -31,6 +32,7 @@ from cndhf_codec.encoder.team import Team
 from cndhf_codec.encoder.tune import IdleNetworkError, tune
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
+from cndhf_codec.format.container import parameter_count
 
 CPU = torch.device("cpu")
 SMALL = replace(settings.PRESETS["default"], batch=512, rounds=2, round_steps=30)
@@ -69,8 +71,16 @@ def job_of(solid: Solid, options: settings.Settings) -> joint.Job:
     return joint.Job(solid, options, 30, 0, CPU, Team(1), stage=lambda name, total: lambda done, loss: None)
 
 
+def plan_of(job: joint.Job, frames: list, shares: list[float]) -> joint.Plan:
+    return joint.Plan(frames, shares, widths_for(job.settings, shares, 30), 0.0, 1.0, 1.0)
+
+
 def networks(width: int = 8, count: int = 2) -> Networks:
-    return stacked([initialise(width, 5, 30.0, torch.Generator().manual_seed(k)) for k in range(count)])
+    return of_widths(*[width] * count)
+
+
+def of_widths(*widths: int) -> Networks:
+    return stacked([initialise(w, 5, 30.0, torch.Generator().manual_seed(k)) for k, w in enumerate(widths)])
 
 
 @pytest.mark.parametrize("width", [5, 8, 19])
@@ -90,15 +100,16 @@ def test_the_jacobian_is_torch_s():
     theta = net.theta.requires_grad_()
     uv = torch.rand(300, 2, generator=torch.Generator().manual_seed(0))
     side = np.arange(300) % 2
-    jacobian = kernel.jacobian(theta[0].detach().numpy(), *net.for_kernel, uv.numpy(), side)
+    jacobian = kernel.jacobian(theta[0].detach().numpy(), *net.for_kernel(0), uv.numpy(), side)
     for i in (0, 1, 150, 299):
         expected = torch.autograd.grad(forward(net, 0, uv)[i, side[i]], theta)[0].numpy()[0]
         np.testing.assert_allclose(jacobian[i], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("looked", [False, True])
-def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, looked):
-    nets = networks(count=2)
+@pytest.mark.parametrize("widths", [(8, 8), (9, 8)])
+def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, looked, widths):
+    nets = of_widths(*widths)
     composite = Composite(samples, far, frames, CPU, Team(1))
     if looked:  # then networks that are not near a sample are left out
         composite.look(nets, REACH)
@@ -113,6 +124,7 @@ def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, l
     assert value == pytest.approx(loss.item(), rel=1e-5)
     torch.testing.assert_close(got, expected, rtol=1e-3, atol=1e-4 * float(expected.abs().max()))
     assert (got.abs().max(dim=1).values > 0).all()
+    assert not got[torch.from_numpy(~nets.used)].any()
 
 
 def test_what_is_left_out_costs_nothing(samples, far, frames, monkeypatch):
@@ -313,13 +325,14 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples
 
 
 def test_wide_networks_take_smaller_steps(composite, monkeypatch):
-    rates: list[float] = []
+    rates: list[np.ndarray] = []
     monkeypatch.setattr(Soap, "step", lambda self, gradient, rate: rates.append(rate))
     largest = []
     for width in (6, 20, 40):
         rates.clear()
         tune(networks(width=width), composite, 64, 100, 1e-3, 0, lambda step, loss: None, Deadline())
-        largest.append(max(rates))
+        assert all(of_each[0] == of_each[1] for of_each in rates)
+        largest.append(max(of_each[0] for of_each in rates))
     assert largest[1] == largest[0]
     assert largest[2] == pytest.approx(0.25 * largest[0])
 
@@ -374,12 +387,12 @@ def test_symbols_stay_in_range():
             assert float(tensor.abs().max()) * 2 ** (int(code) / 4) < MAX_SYMBOL / 1.6
 
 
-@pytest.mark.parametrize("together", [100, 10_000])
-def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, together):
+@pytest.mark.parametrize(("together", "widths", "parts"), [(100, (8, 8), 5), (10_000, (8, 8), 1), (200, (8, 5), 3)])
+def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, together, widths, parts):
     monkeypatch.setattr(rounding, "TOGETHER", together)
-    nets = networks()
-    assert len(rounding._parts(nets)) == (5 if together == 100 else 1)
-    assert (rounding._parts(nets).sum(axis=0) == 1).all()
+    nets = of_widths(*widths)
+    assert len(rounding._parts(nets)) == parts
+    assert (rounding._parts(nets).sum(axis=0) == nets.used).all()
     with Team(2) as team:
         matrices = rounding.sensitivities(nets, composite, 0, team)
         logs = rounding.relative_steps(nets, matrices)
@@ -389,6 +402,30 @@ def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, t
         for tensor, code in zip(nets.tensors(k), of_net, strict=True):
             symbols = tensor.double() * 2 ** (int(code) / 4)
             torch.testing.assert_close(symbols, symbols.round(), atol=1e-2, rtol=0)
+    assert not nets.theta[torch.from_numpy(~nets.used)].any()
+    records = joint._records(nets, codes, composite._frames)
+    assert [r.width for r in records] == list(widths)
+    for k, record in enumerate(records):
+        # The same heights, whatever the order of the neurons.
+        tensors = [s * 2.0 ** (-code / 4) for s, code in zip(record.symbols, record.step_codes, strict=True)]
+        uv = np.random.default_rng(k).uniform(-0.5, 0.5, (50, 2)).astype(np.float32)
+        got = Network([t.astype(np.float32) for t in tensors], 30, 30)(uv)
+        with torch.no_grad():
+            np.testing.assert_allclose(got, heights(nets, k, torch.from_numpy(uv)), atol=2e-3)
+
+
+def test_soap_steps_networks_of_any_widths_as_it_would_each():
+    together = of_widths(7, 12)
+    alone = [initialise(w, 5, 30.0, torch.Generator().manual_seed(k)) for k, w in enumerate((7, 12))]
+    optimisers = Soap(together), [Soap(a) for a in alone]
+    rng = torch.Generator().manual_seed(1)
+    for _ in range(25):
+        gradient = torch.randn(together.theta.shape, generator=rng) * torch.from_numpy(together.used)
+        optimisers[0].step(gradient, np.array([1e-3, 2e-3]))
+        for k, one in enumerate(optimisers[1]):
+            one.step(gradient[k : k + 1, : alone[k].counts[0]], (1 + k) * 1e-3)
+    for k in range(2):
+        torch.testing.assert_close(together.row(k), alone[k].row(0), rtol=0, atol=2e-5)
 
 
 def test_axes_are_chosen_by_what_they_leave(solid):
@@ -414,18 +451,21 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
         tried, errors = (short, (0.2, 0.1)) if steps == SMALL.trial_steps else (long, (0.09, 0.05))
         tried.append(plan)
         # The first set looks bad at once, and the better of those tried for longer is the second.
-        return plan.floor + errors[min(len(tried) - 1, 1)]
+        return joint.Trial(plan.floor + errors[min(len(tried) - 1, 1)], [1.0] * (len(plan.frames) - 1) + [0.2])
 
     monkeypatch.setattr(joint, "_trial", trial)
     job = job_of(solid, replace(SMALL, target_size=4096))
     plan = joint.make_plan(job, Deadline())
     assert len(short) > len(long) == joint.FINALISTS
     assert all(p is not short[0] for p in long)
-    assert plan is long[1]
+    assert plan.frames is long[1].frames
+    # The widths follow what each field answered for in the trial.
+    assert plan.widths == widths_for(job.settings, plan.shares, 30) != long[1].widths
+    assert plan.widths[-1] < plan.widths[0]
 
 
 def test_of_equal_trials_the_one_with_more_axes_is_chosen(solid, monkeypatch):
-    monkeypatch.setattr(joint, "_trial", lambda job, plan, steps, deadline: 0.1)
+    monkeypatch.setattr(joint, "_trial", lambda job, plan, steps, deadline: joint.Trial(0.1, plan.shares))
     monkeypatch.setattr(AxisCosts, "floor", lambda self, chosen: 0.01)
     job = job_of(solid, replace(SMALL, target_size=4096, max_axes=3))
     assert len(joint.make_plan(job, Deadline()).frames) == 3
@@ -459,31 +499,60 @@ def test_an_idle_field_is_left_out_and_the_others_are_wider(solid, frames, monke
 
     monkeypatch.setattr(joint, "fit_plan", fit)
     job = job_of(solid, replace(SMALL, target_size=4096))
-    first = joint.Plan(frames[:2], width_for(job.settings, 2, 30), 0.0, 1.0, 1.0)
+    first = plan_of(job, frames[:2], [0.3, 0.7])
     plan, *rest = joint.fit_needed(job, first, Deadline())
     assert rest == ["networks", "composite", 0.0]
     assert plan is tried[1]
     assert plan.frames == [frames[1]]
-    assert plan.width == width_for(job.settings, 1, 30) > first.width
+    assert plan.shares == [0.7]
+    assert plan.widths == widths_for(job.settings, [0.7], 30) > [max(first.widths)]
     # A trial says that such a set of axes is not worth its bytes.
-    assert joint._trial(job, first, 10, Deadline()) == np.inf
+    assert joint._trial(job, first, 10, Deadline()) == joint.Trial(np.inf, first.shares)
 
 
 def test_a_network_that_hardly_matters_is_not_rounded_to_nothing():
     nets = networks(count=2)
     size = nets.theta.shape[1]
     logs = relative_steps(nets, [[np.eye(size), 1e-12 * np.eye(size)]])
-    sizes = np.array(nets.sizes) / size
+    sizes = np.array(nets.sizes(0)) / size
     assert (logs[1] - logs[0]) @ sizes == pytest.approx(COARSEST)
     codes = step_codes(nets, logs, 6.0)
     assert (codes[0] - codes[1]).max() <= COARSEST * STEPS_PER_OCTAVE + 1
 
 
-def test_the_width_follows_from_the_size():
-    at = [width_for(replace(SMALL, target_size=s), 2, 30) for s in (1024, 4096, 16384)]
-    assert at == sorted(at)
-    assert at[0] >= 5
-    assert width_for(replace(SMALL, target_size=4096), 1, 30) > at[1]
+def test_the_widths_follow_from_the_size_and_the_shares():
+    def at(size: int, *shares: float) -> list[int]:
+        widths = widths_for(replace(SMALL, target_size=size), list(shares), 30)
+        room = (0.98 * size - 60 - 30 - 54 * len(shares)) * 8 / SMALL.bits
+        weights = [parameter_count(w, SMALL.hidden_layers) for w in widths]
+        assert sum(weights) <= room
+        # No network has room for another neuron.
+        wider = [parameter_count(w + 1, SMALL.hidden_layers) for w in widths]
+        assert sum(weights) + min(b - a for a, b in zip(weights, wider, strict=True)) > room
+        return widths
+
+    for size in (1024, 4096, 16384):
+        assert max(equal := at(size, 0.5, 0.5)) - min(equal) <= 1
+        assert at(size, 1.0)[0] > max(equal)
+        large, small = at(size, 0.9, 0.1)
+        assert large > max(equal) > small
+        assert at(size, 1.0, 0.0)[1] >= joint.LEAST_WIDTH
+    assert at(4096, 0.8, 0.2) == at(4096, 0.2, 0.8)[::-1]
+    assert at(4096, 0.3, 0.7) > at(1024, 0.3, 0.7)
+    assert widths_for(replace(SMALL, target_size=256), [0.5, 0.5], 30) == []
+    assert widths_for(replace(SMALL, target_size=None, width=4), [0.9, 0.1], 30) == [4, 4]
+
+
+def test_shares_of_the_loss(composite):
+    nets = networks()
+    shares = composite.shares(nets)
+    assert sum(shares) == pytest.approx(1)
+    surface, space = (torch.arange(n) for n in (composite.n_surface, composite.n_space))
+    with torch.no_grad():
+        terms = composite.terms(nets, surface, space)
+    weight = torch.cat([torch.full((len(part),), 1 / len(part)) for part in (surface, space)])
+    own = terms.dhf == 0
+    assert shares[0] == pytest.approx(float((terms.cost * weight)[own].sum() / (terms.cost * weight).sum()), rel=1e-4)
 
 
 def test_a_width_is_taken_as_given(solid):
@@ -496,9 +565,11 @@ def test_a_width_is_taken_as_given(solid):
 def test_wide_networks_have_a_larger_omega(solid, frames, width, omega):
     few = replace(SMALL, steps=3, tune_steps=3, samples=2000, target_resolution=32, far_cells=8)
     job = job_of(solid, few)
-    fitted, _, _ = joint.fit_plan(job, joint.Plan(frames, width, 0.0, 1.0, 1.0), Deadline())
-    assert fitted.omega == omega
-    assert {r.omega_hidden for r in joint._records(fitted, joint._finest(fitted), frames)} == {omega}
+    plan = replace(plan_of(job, frames, [0.5, 0.5]), widths=[width, 8])
+    fitted, _, _ = joint.fit_plan(job, plan, Deadline())
+    assert fitted.omegas == (omega, 30)
+    records = joint._records(fitted, joint._finest(fitted), frames)
+    assert [(r.width, r.omega_first, r.omega_hidden) for r in records] == [(width, omega, omega), (8, 30, 30)]
 
 
 @pytest.mark.parametrize("size", [900, 2500])

@@ -32,7 +32,7 @@ def targets():
 
 @pytest.fixture(scope="module")
 def fitted(targets):
-    (network,) = fit_all([targets], SETTINGS, 0, torch.device("cpu"), Team(1), lambda *_: None, Deadline())
+    (network,) = fit_all([targets], [SETTINGS], 0, torch.device("cpu"), Team(1), lambda *_: None, Deadline())
     return [t.numpy() for t in network.tensors(0)]
 
 

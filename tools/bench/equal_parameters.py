@@ -38,7 +38,7 @@ def measured(model: cndhf_codec.Model, mesh: Mesh, prefix: str) -> Row:
     out = np.asarray(surface.vertices), np.asarray(surface.faces)
     return {
         f"{prefix} fields": str(len(model.container.dhfs)),
-        f"{prefix} width": str(model.container.dhfs[0].width),
+        f"{prefix} width": " ".join(str(d.width) for d in model.container.dhfs),
         f"{prefix} parameters": str(model.info["parameters"]),
         f"{prefix} bytes": str(model.info["bytes"]),
         f"{prefix} CD": row(mesh, out, {})["CD"],
