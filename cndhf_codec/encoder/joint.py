@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +35,7 @@ from .verify import surface_distances
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
 DHF_BYTES = 40 + 14  # record and scale codes of a DHF of five hidden layers
 LEAST_WIDTH = 5
-BALANCE, LEAST_SHARE = 0.5, 1e-3  # see `widths_for`
+BALANCE, LEAST_SHARE = 0.5, 1e-3  # how a network's number of weights grows with its share; the least of these
 WIDE, MOST_OMEGA = 24, 1.5  # beyond this width omega grows with the width, to at most 1.5 times the preset's
 AIM = 0.98  # of the size asked for is what the rounding aims at: the size is known only afterwards
 WITHIN = 0.95  # of the size asked for is the least that is good enough
@@ -156,21 +157,25 @@ def _predicted(plan: Plan, trial: float, shrink: float) -> float:
 
 
 def widths_for(settings: Settings, shares: list[float], metadata_bytes: int) -> list[int]:
-    """The width asked for, or those at which networks, one for each share of the surface, fill the target size at the
-    preset's bits a weight: their weights grow with the share by the power of BALANCE. None where there is no room."""
+    """The width asked for, or those at which networks, one a share (as `Plan.shares`), fill the target size at the
+    preset's bits a weight; none where there is no room.
+
+    If the error of a field whose share of it is s falls with its number of weights n as s (s / n)^a, then n in
+    proportion to s leaves the least; but a field of a small share has its whole outline to learn, too: s^BALANCE.
+    """
     if settings.width is not None:
         return [settings.width] * len(shares)
     assert settings.target_size is not None
     room = settings.target_size * AIM - FILE_BYTES - metadata_bytes - len(shares) * DHF_BYTES
     parameters = room * 8 / settings.bits
     needs = np.maximum(shares, LEAST_SHARE) ** BALANCE
-    size = lambda width: parameter_count(width, settings.hidden_layers)  # noqa: E731
+    size = partial(parameter_count, hidden_layers=settings.hidden_layers)
     widths = [LEAST_WIDTH] * len(shares)
     if sum(map(size, widths)) > parameters:
         return []
     while True:
-        room = parameters - sum(map(size, widths))
-        wider = [k for k, w in enumerate(widths) if w < MAX_WIDTH and size(w + 1) - size(w) <= room]
+        left = parameters - sum(map(size, widths))
+        wider = [k for k, w in enumerate(widths) if w < MAX_WIDTH and size(w + 1) - size(w) <= left]
         if not wider:
             return widths
         widths[min(wider, key=lambda k: size(widths[k] + 1) / needs[k])] += 1
