@@ -22,7 +22,6 @@ SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest e
 FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
 
-F64 = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int64]  # (K, M, 3): where each matrix starts in a row of theta, its rows and its columns
 
 
@@ -42,9 +41,8 @@ class Soap:
         shape = (*self._places.shape[:2], 2, side, side)
         self._grams, self._bases = (np.zeros(shape, np.float32) for _ in range(2))
 
-    def step(self, gradient: torch.Tensor, rate: float | F64) -> None:
-        """One step along `gradient`, (K, P); rate: of all networks, or (K,) of each. The first call only sets up the
-        eigenbasis."""
+    def step(self, gradient: torch.Tensor, rate: float) -> None:
+        """One step along `gradient`, (K, P). The first call only sets up the eigenbasis."""
         g = gradient.detach().cpu().numpy()
         if not self._bases.any():
             _first_bases(g, self._places, self._fade, self._grams, self._bases)

@@ -42,12 +42,13 @@ def tune(
     held: torch.Tensor | None = None,
 ) -> None:
     """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine; faster, and
-    for fewer steps, when the deadline comes first. Networks wider than STEADY take less, by the square of the width.
+    for fewer steps, when the deadline comes first. Where a network is wider than STEADY all take less, by the square of
+    the width: a narrow one that is seldom asked, at a higher rate than the others, grows wild in the long run.
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges, and, with no weight
     held, IdleNetworkError when no sample of AT_ONCE steps has pulled at one of several networks.
     """
-    rates = rate * np.minimum(1.0, (STEADY / np.array(networks.widths)) ** 2)
+    rate *= min(1.0, (STEADY / max(networks.widths)) ** 2)
     rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
     start = networks.theta.clone()
@@ -68,7 +69,7 @@ def tune(
             pulled |= gradient.any(dim=1)
         else:
             gradient.masked_fill_(held, 0)
-        optimiser.step(gradient, rates * cosine_schedule(step, done, WARM_UP))
+        optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)
         if step % AT_ONCE == 0 or step == steps:
