@@ -35,7 +35,8 @@ from .verify import surface_distances
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
 DHF_BYTES = 40 + 14  # record and scale codes of a DHF of five hidden layers
 LEAST_WIDTH = 5
-BALANCE, LEAST_SHARE = 0.5, 1e-3  # how a network's number of weights grows with its share; the least of these
+# Widest that all networks are equally; how the weights of wider ones grow with their shares; the least of these.
+OUTLINE, BALANCE, LEAST_SHARE = 22, 0.5, 1e-3
 WIDE, MOST_OMEGA = 24, 1.5  # beyond this width omega grows with the width, to at most 1.5 times the preset's
 AIM = 0.98  # of the size asked for is what the rounding aims at: the size is known only afterwards
 WITHIN = 0.95  # of the size asked for is the least that is good enough
@@ -161,18 +162,24 @@ def widths_for(settings: Settings, shares: list[float], metadata_bytes: int) -> 
     preset's bits a weight; none where there is no room.
 
     If the error of a field whose share of it is s falls with its number of weights n as s (s / n)^a, then n in
-    proportion to s leaves the least; but a field of a small share has its whole outline to learn, too: s^BALANCE.
+    proportion to s leaves the least; but a field of a small share has its whole outline to learn, too: n grows as
+    s^BALANCE, and while none is wider than OUTLINE all are equally wide.
     """
     if settings.width is not None:
         return [settings.width] * len(shares)
     assert settings.target_size is not None
     room = settings.target_size * AIM - FILE_BYTES - metadata_bytes - len(shares) * DHF_BYTES
     parameters = room * 8 / settings.bits
-    needs = np.maximum(shares, LEAST_SHARE) ** BALANCE
     size = partial(parameter_count, hidden_layers=settings.hidden_layers)
-    widths = [LEAST_WIDTH] * len(shares)
-    if sum(map(size, widths)) > parameters:
+    width = 0
+    while width < OUTLINE and len(shares) * size(width + 1) <= parameters:
+        width += 1
+    if width < LEAST_WIDTH:
         return []
+    widths = [width] * len(shares)
+    if width < OUTLINE:
+        return widths
+    needs = np.maximum(shares, LEAST_SHARE) ** BALANCE
     while True:
         left = parameters - sum(map(size, widths))
         wider = [k for k, w in enumerate(widths) if w < MAX_WIDTH and size(w + 1) - size(w) <= left]

@@ -453,7 +453,7 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
         return joint.Trial(plan.floor + errors[min(len(tried) - 1, 1)], [1.0] * (len(plan.frames) - 1) + [0.2])
 
     monkeypatch.setattr(joint, "_trial", trial)
-    job = job_of(solid, replace(SMALL, target_size=4096))
+    job = job_of(solid, replace(SMALL, target_size=16384))
     plan = joint.make_plan(job, Deadline())
     assert len(short) > len(long) == joint.FINALISTS
     assert all(p is not short[0] for p in long)
@@ -523,21 +523,20 @@ def test_the_widths_follow_from_the_size_and_the_shares():
     def at(size: int, *shares: float) -> list[int]:
         widths = widths_for(replace(SMALL, target_size=size), list(shares), 30)
         room = (0.98 * size - 60 - 30 - 54 * len(shares)) * 8 / SMALL.bits
-        weights = [parameter_count(w, SMALL.hidden_layers) for w in widths]
-        assert sum(weights) <= room
-        # No network has room for another neuron.
-        wider = [parameter_count(w + 1, SMALL.hidden_layers) for w in widths]
-        assert sum(weights) + min(b - a for a, b in zip(weights, wider, strict=True)) > room
+        assert sum(parameter_count(w, SMALL.hidden_layers) for w in widths) <= room
+        # There is no room for another neuron: in any, or, while all are to be equally wide, in each of them.
+        more = [parameter_count(w + 1, 5) - parameter_count(w, 5) for w in widths]
+        assert sum(parameter_count(w, 5) for w in widths) + (min(more) if max(widths) > 22 else sum(more)) > room
         return widths
 
-    for size in (1024, 4096, 16384):
-        assert max(equal := at(size, 0.5, 0.5)) - min(equal) <= 1
-        assert at(size, 1.0)[0] > max(equal)
-        large, small = at(size, 0.9, 0.1)
-        assert large > max(equal) > small
-        assert at(size, 1.0, 0.0)[1] >= joint.LEAST_WIDTH
-    assert at(4096, 0.8, 0.2) == at(4096, 0.2, 0.8)[::-1]
-    assert at(4096, 0.3, 0.7) > at(1024, 0.3, 0.7)
+    assert at(1024, 0.9, 0.1) == at(1024, 0.5, 0.5) < at(4096, 0.5, 0.5) == at(4096, 0.1, 0.9)
+    equal = at(16384, 0.5, 0.5)
+    assert max(equal) - min(equal) <= 1
+    large, small = at(16384, 0.9, 0.1)
+    assert at(16384, 1.0)[0] > large > max(equal) > small > joint.OUTLINE
+    assert at(16384, 0.1, 0.9) == [small, large]
+    # What has next to nothing to do has an outline, too.
+    assert at(16384, 0.5, 0.5, 0.0, 0.0)[2:] == [joint.OUTLINE] * 2
     assert widths_for(replace(SMALL, target_size=256), [0.5, 0.5], 30) == []
     assert widths_for(replace(SMALL, target_size=None, width=4), [0.9, 0.1], 30) == [4, 4]
 
@@ -557,7 +556,7 @@ def test_shares_of_the_loss(composite):
 def test_a_width_is_taken_as_given(solid):
     # 4 is the least that the options allow, less than what a size would be met with.
     plan = joint.make_plan(job_of(solid, replace(SMALL, target_size=None, width=4, trial_steps=0)), Deadline())
-    assert plan.width == 4
+    assert plan.widths == [4] * len(plan.frames)
 
 
 @pytest.mark.parametrize(("width", "omega"), [(16, 30), (32, 40), (40, 45)])
