@@ -36,7 +36,7 @@ FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder sta
 DHF_BYTES = 40 + 14  # record and scale codes of a DHF of five hidden layers
 LEAST_WIDTH = 5
 # Widest that all networks are equally; how the weights of wider ones grow with their shares; the least of these.
-OUTLINE, BALANCE, LEAST_SHARE = 22, 0.5, 1e-3
+OUTLINE, BALANCE, LEAST_SHARE = 25, 0.5, 1e-3
 WIDE, MOST_OMEGA = 24, 1.5  # beyond this width omega grows with the width, to at most 1.5 times the preset's
 AIM = 0.98  # of the size asked for is what the rounding aims at: the size is known only afterwards
 WITHIN = 0.95  # of the size asked for is the least that is good enough

@@ -526,7 +526,10 @@ def test_the_widths_follow_from_the_size_and_the_shares():
         assert sum(parameter_count(w, SMALL.hidden_layers) for w in widths) <= room
         # There is no room for another neuron: in any, or, while all are to be equally wide, in each of them.
         more = [parameter_count(w + 1, 5) - parameter_count(w, 5) for w in widths]
-        assert sum(parameter_count(w, 5) for w in widths) + (min(more) if max(widths) > 22 else sum(more)) > room
+        assert (
+            sum(parameter_count(w, 5) for w in widths) + (min(more) if max(widths) > joint.OUTLINE else sum(more))
+            > room
+        )
         return widths
 
     assert at(1024, 0.9, 0.1) == at(1024, 0.5, 0.5) < at(4096, 0.5, 0.5) == at(4096, 0.1, 0.9)
