@@ -244,7 +244,8 @@ class Composite:
         theta_array, boxes = networks.theta.detach().numpy(), self._boxes.numpy()
         on_surface = tuple(t.numpy() for t in (self._surface, self._near_surface, self._seen, self._cosine))
         in_space = tuple(t.numpy() for t in self._in_pool)
-        shape = np.array(networks.widths), networks.hidden_layers + 1, np.array(networks.omegas, dtype=np.float32)
+        widths, counts = np.array(networks.widths), np.array(networks.counts)
+        shape = widths, counts, networks.hidden_layers + 1, np.array(networks.omegas, dtype=np.float32)
         scales = np.float32(1 / max(n, 1)), np.float32(1 / max(batch.of, 1))
 
         def shard(s: int) -> tuple[np.ndarray, float]:

@@ -27,7 +27,7 @@ F64 = npt.NDArray[np.float64]
 
 def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free: npt.NDArray[np.bool_]) -> list[F64]:
     """The matrix of every network, from a fresh draw of samples: rows and columns are the weights that are `free`, a
-    mask (K, P), in file order. No matrix is made for a network that has none."""
+    mask (K, P), in file order; that of a network that has none is empty."""
     weights = sum(networks.counts)
     rng = np.random.default_rng(seed)
     surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), rng)
@@ -41,21 +41,22 @@ def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free
     kept = terms.argument[n:].cpu().numpy() <= 0
     weight[n:] *= np.where(kept, IDLE, 1.0) / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
     dhf, side = terms.dhf.cpu().numpy(), terms.side.cpu().numpy()
-    theta = networks.theta.detach().cpu().numpy()
     out = []
     for k in range(len(networks)):
         columns = np.flatnonzero(free[k])
         H = np.zeros((len(columns), len(columns)))
-        rows = np.flatnonzero((dhf == k) & (weight > 0)) if len(columns) else columns
-        uv = terms.uv[k].cpu().numpy()
+        out.append(H)
+        if not len(columns):
+            continue
+        rows = np.flatnonzero((dhf == k) & (weight > 0))
+        uv, theta = terms.uv[k].cpu().numpy(), networks.row(k).detach().cpu().numpy()
         for at in range(0, len(rows), ROWS):
             part = rows[at : at + ROWS]
-            jacobian = kernel.jacobian(theta[k, : networks.counts[k]], *networks.for_kernel(k), uv[part], side[part])
+            jacobian = kernel.jacobian(theta, *networks.for_kernel(k), uv[part], side[part])
             jacobian = jacobian[:, columns]
             jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
             _add_square(H, jacobian, team)
         _mirror(H)
-        out.append(H)
     return out
 
 

@@ -137,8 +137,9 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
         report(k + 1, min(errors))
     order = np.argsort(errors, kind="stable")[:FINALISTS]
     finalists = [options[k] for k in order if errors[k] < CLOSE * errors[order[0]]] or [options[order[0]]]
-    errors = []
-    trials = []
+    if len(finalists) == 1 and (settings.width is not None or max(finalists[0].widths) < OUTLINE):
+        return finalists[0]  # a trial could change nothing
+    errors, trials = [], []
     for k, plan in enumerate(finalists):
         trials.append(_trial(job, plan, settings.trial_steps * LONGER, deadline.part(1 / (len(finalists) - k))))
         errors.append(_predicted(plan, trials[k].error, LONGER_SHRINK))
@@ -317,7 +318,7 @@ def _symbols(networks: Networks, codes: Codes) -> list[list[Symbols]]:
     whole = np.rint(networks.weights() / weight_steps(networks, codes)).astype(np.int32)
     out = []
     for k, (row, count) in enumerate(zip(whole, networks.counts, strict=True)):
-        parts = np.split(row[:count], np.cumsum(networks.sizes(k))[:-1])
+        parts = np.split(row[:count], networks.starts(k)[1:])
         out.append(sort_neurons([p.reshape(s) for p, s in zip(parts, networks.shapes(k), strict=True)]))
     return out
 

@@ -217,6 +217,7 @@ def _place(point: F32, box: F32, x: F32, m: int) -> None:
 def composite_gradient(
     theta: F32,
     widths: npt.NDArray[np.int64],
+    counts: npt.NDArray[np.int64],
     layers: int,
     omegas: F32,
     boxes: F32,
@@ -229,6 +230,8 @@ def composite_gradient(
 ) -> tuple[F32, float]:
     """(K, P) gradient of the composite loss of some samples in theta, and that loss.
 
+    widths, counts, omegas: (K,), of each network; counts are numbers of weights.
+
     boxes: (K, 3, 2) domain boxes. surface: points (K, N, 3), near (N, K), seen (N, K), cosine (N, K). space: points
     (K, M, 3), near (M, K), excluded (M, K), inside (M,), margin (M,), weight (M,). Networks that are not near a sample
     have no say in what it costs. on, off: samples of the surface and of space that are looked at; on_scale, off_scale:
@@ -238,7 +241,7 @@ def composite_gradient(
     then asked once more, in a pass that can be gone back through.
     """
     K, first, total = len(theta), len(on), len(on) + len(off)
-    widest, counts = widths.max(), (layers - 1) * widths * (widths + 1) + 5 * widths + 2
+    widest = widths.max()
     a, b = np.empty((widest, TILE), np.float32), np.empty((widest, TILE), np.float32)
     x, y = np.empty((2, TILE), np.float32), np.empty((2, TILE), np.float32)
     slack, far = np.empty((K, TILE), np.float32), np.empty((K, TILE), np.bool_)
@@ -265,8 +268,8 @@ def composite_gradient(
                         m += 1
                 if m == 0:
                     continue
-                w, n_k = widths[k], _filled(x, m)
-                values(theta[k, : counts[k]], w, layers, omegas[k], x, n_k, a[:w], b[:w], y)
+                w = widths[k]
+                values(theta[k, : counts[k]], w, layers, omegas[k], x, _filled(x, m), a[:w], b[:w], y)
                 for c in range(m):
                     t = column[c]
                     z = points[k, rows[t], 2]

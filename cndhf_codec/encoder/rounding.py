@@ -55,14 +55,14 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
     levels = np.array([of_network.mean() for of_network in logs])
     # What hardly matters now would matter if it were rounded to something else altogether.
     excess = np.maximum(levels - levels.min() - COARSEST, 0)
-    return _sums(networks, logs) / _sizes(networks) - excess[:, None]
+    return _by_tensor(np.add, networks, logs) / _sizes(networks) - excess[:, None]
 
 
 def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
     """Step code of every tensor, for about `bits` bits a weight; `logs` is what `relative_steps` gives."""
     theta, sizes = networks.weights(), _sizes(networks)
     rows = [row[:count] for row, count in zip(theta, networks.counts, strict=True)]
-    spread = np.log2(np.maximum(np.sqrt(_sums(networks, [row**2 for row in rows]) / sizes), 1e-9))
+    spread = np.log2(np.maximum(np.sqrt(_by_tensor(np.add, networks, [row**2 for row in rows]) / sizes), 1e-9))
     # Bits of a tensor at step 2^(log + level), as for Gaussians; bisect the level.
     low, high = -60.0, 60.0
     for _ in range(60):
@@ -70,7 +70,7 @@ def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
         spent = (np.maximum(spread - logs - level + GAUSSIAN_BITS, 0.2) * sizes).sum() / sizes.sum()
         low, high = (level, high) if spent > bits else (low, level)
     # No finer than the symbols' range allows.
-    largest = np.stack([np.maximum.reduceat(np.abs(row), _starts(networks, k)) for k, row in enumerate(rows)])
+    largest = _by_tensor(np.maximum, networks, [np.abs(row) for row in rows])
     finest = np.log2(np.maximum(largest, 1e-9) * GROWTH / MAX_SYMBOL)
     codes = np.floor(-np.maximum(logs + level, finest) * STEPS_PER_OCTAVE + 0.5)
     return np.clip(codes, 0, STEP_CODE_MASK).astype(np.int64)
@@ -155,14 +155,9 @@ def _sizes(networks: Networks) -> npt.NDArray[np.int64]:
     return np.array([networks.sizes(k) for k in range(len(networks))])
 
 
-def _starts(networks: Networks, k: int) -> npt.NDArray[np.int64]:
-    """Where each tensor begins in the row of network k."""
-    return np.cumsum([0, *networks.sizes(k)[:-1]])
-
-
-def _sums(networks: Networks, rows: list[F64]) -> F64:
-    """(K, tensors): sums over the tensors of what there is of every weight, a row a network."""
-    return np.stack([np.add.reduceat(row, _starts(networks, k)) for k, row in enumerate(rows)])
+def _by_tensor(sum_or_most: np.ufunc, networks: Networks, rows: list[F64]) -> F64:
+    """(K, tensors): np.add or np.maximum over the tensors of what there is of every weight, a row a network."""
+    return np.stack([sum_or_most.reduceat(row, networks.starts(k)) for k, row in enumerate(rows)])
 
 
 def _inverse_factor(H: F64) -> F64:

@@ -38,15 +38,14 @@ class Networks:
         """Weights in each tensor of network k."""
         return [math.prod(s) for s in self.shapes(k)]
 
+    def starts(self, k: int) -> npt.NDArray[np.int64]:
+        """Where each tensor begins in the row of network k."""
+        return np.cumsum([0, *self.sizes(k)[:-1]])
+
     @property
     def counts(self) -> list[int]:
         """Weights of each network."""
         return [parameter_count(w, self.hidden_layers) for w in self.widths]
-
-    @property
-    def used(self) -> npt.NDArray[np.bool_]:
-        """(K, P): what of theta is weights."""
-        return np.arange(self.theta.shape[1]) < np.array(self.counts)[:, None]
 
     def row(self, k: int) -> torch.Tensor:
         """(P_k,): the weights of network k, a view."""

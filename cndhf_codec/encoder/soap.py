@@ -57,8 +57,8 @@ class Soap:
 
 
 def _places(networks: Networks, k: int) -> list[tuple[int, ...]]:
-    starts = np.cumsum([0, *networks.sizes(k)])
-    return [(int(starts[i]), *shape) for i, shape in enumerate(networks.shapes(k)) if len(shape) == 2]
+    shapes = zip(networks.starts(k), networks.shapes(k), strict=True)
+    return [(int(start), *shape) for start, shape in shapes if len(shape) == 2]
 
 
 @inlined

@@ -83,6 +83,11 @@ def of_widths(*widths: int) -> Networks:
     return stacked([initialise(w, 5, 30.0, torch.Generator().manual_seed(k)) for k, w in enumerate(widths)])
 
 
+def used(nets: Networks) -> np.ndarray:
+    """(K, P): what of theta is weights."""
+    return np.arange(nets.theta.shape[1]) < np.array(nets.counts)[:, None]
+
+
 @pytest.mark.parametrize("width", [5, 8, 19])
 def test_the_compiled_evaluation_has_torch_s_values_and_gradients(width):
     net = networks(width, count=1)
@@ -124,7 +129,7 @@ def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, l
     assert value == pytest.approx(loss.item(), rel=1e-5)
     torch.testing.assert_close(got, expected, rtol=1e-3, atol=1e-4 * float(expected.abs().max()))
     assert (got.abs().max(dim=1).values > 0).all()
-    assert not got[torch.from_numpy(~nets.used)].any()
+    assert not got[torch.from_numpy(~used(nets))].any()
 
 
 def test_what_is_left_out_costs_nothing(samples, far, frames, monkeypatch):
@@ -391,7 +396,7 @@ def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, t
     monkeypatch.setattr(rounding, "TOGETHER", together)
     nets = of_widths(*widths)
     assert len(rounding._parts(nets)) == parts
-    assert (rounding._parts(nets).sum(axis=0) == nets.used).all()
+    assert (rounding._parts(nets).sum(axis=0) == used(nets)).all()
     with Team(2) as team:
         matrices = rounding.sensitivities(nets, composite, 0, team)
         logs = rounding.relative_steps(nets, matrices)
@@ -401,7 +406,7 @@ def test_rounded_networks_are_multiples_of_their_steps(composite, monkeypatch, t
         for tensor, code in zip(nets.tensors(k), of_net, strict=True):
             symbols = tensor.double() * 2 ** (int(code) / 4)
             torch.testing.assert_close(symbols, symbols.round(), atol=1e-2, rtol=0)
-    assert not nets.theta[torch.from_numpy(~nets.used)].any()
+    assert not nets.theta[torch.from_numpy(~used(nets))].any()
     records = joint._records(nets, codes, composite._frames)
     assert [r.width for r in records] == list(widths)
     for k, record in enumerate(records):
@@ -419,7 +424,7 @@ def test_soap_steps_networks_of_any_widths_as_it_would_each():
     optimisers = Soap(together), [Soap(a) for a in alone]
     rng = torch.Generator().manual_seed(1)
     for _ in range(25):
-        gradient = torch.randn(together.theta.shape, generator=rng) * torch.from_numpy(together.used)
+        gradient = torch.randn(together.theta.shape, generator=rng) * torch.from_numpy(used(together))
         optimisers[0].step(gradient, 1e-3)
         for k, one in enumerate(optimisers[1]):
             one.step(gradient[k : k + 1, : alone[k].counts[0]], 1e-3)
@@ -523,13 +528,11 @@ def test_the_widths_follow_from_the_size_and_the_shares():
     def at(size: int, *shares: float) -> list[int]:
         widths = widths_for(replace(SMALL, target_size=size), list(shares), 30)
         room = (0.98 * size - 60 - 30 - 54 * len(shares)) * 8 / SMALL.bits
-        assert sum(parameter_count(w, SMALL.hidden_layers) for w in widths) <= room
+        weights = [parameter_count(w, SMALL.hidden_layers) for w in widths]
+        assert sum(weights) <= room
         # There is no room for another neuron: in any, or, while all are to be equally wide, in each of them.
-        more = [parameter_count(w + 1, 5) - parameter_count(w, 5) for w in widths]
-        assert (
-            sum(parameter_count(w, 5) for w in widths) + (min(more) if max(widths) > joint.OUTLINE else sum(more))
-            > room
-        )
+        more = [parameter_count(w + 1, SMALL.hidden_layers) - n for w, n in zip(widths, weights, strict=True)]
+        assert sum(weights) + (min(more) if max(widths) > joint.OUTLINE else sum(more)) > room
         return widths
 
     assert at(1024, 0.9, 0.1) == at(1024, 0.5, 0.5) < at(4096, 0.5, 0.5) == at(4096, 0.1, 0.9)
