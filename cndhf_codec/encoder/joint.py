@@ -29,7 +29,7 @@ from .siren import Networks, stacked
 from .solid import Solid
 from .symmetry import frame_with_mirrors, mirror_planes
 from .team import Team
-from .tune import IdleNetworkError, tune
+from .tune import STEADY, IdleNetworkError, tune
 from .verify import surface_distances
 
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
@@ -212,7 +212,15 @@ def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Compos
     IdleNetworkError when the others do without one of them."""
     solid, team = job.solid, job.team
     settings = job.settings
-    of_each = [replace(settings, width=w, omega=omega_for(settings, w)) for w in plan.widths]
+    of_each = [
+        replace(
+            settings,
+            width=w,
+            omega=omega_for(settings, w),
+            learning_rate=settings.learning_rate * min(1.0, STEADY / w),
+        )
+        for w in plan.widths
+    ]
     targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
     report_all = job.stage("fit", settings.steps * len(targets))
 

@@ -47,6 +47,15 @@ class Networks:
         """Weights of each network."""
         return [parameter_count(w, self.hidden_layers) for w in self.widths]
 
+    def gains(self) -> npt.NDArray[np.float64]:
+        """(K,) about what a hidden layer multiplies a change of its input by: omega times the root mean square singular
+        value of the hidden matrices. The square root of 2 in new networks."""
+        squares = []
+        for k, width in enumerate(self.widths):
+            layers = self.row(k).detach()[3 * width : -2 * width - 2].view(self.hidden_layers, width * (width + 1))
+            squares.append(float((layers[:, : width * width] ** 2).sum()) / max(self.hidden_layers * width, 1))
+        return np.array(self.omegas) * np.sqrt(squares)
+
     def row(self, k: int) -> torch.Tensor:
         """(P_k,): the weights of network k, a view."""
         return self.theta[k, : self.counts[k]]

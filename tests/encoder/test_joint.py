@@ -26,7 +26,7 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
 from cndhf_codec.encoder.samples import FarSpace, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
-from cndhf_codec.encoder.soap import Soap
+from cndhf_codec.encoder.soap import CALM, SETTLED, Soap
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
 from cndhf_codec.encoder.tune import IdleNetworkError, tune
@@ -176,7 +176,7 @@ def test_a_team_keeps_the_order_and_passes_errors_on():
 
 def test_soap_rotates_and_finds_the_minimum():
     # Strongly coupled least squares on every hidden matrix: plain gradients crawl.
-    nets = networks(width=6)
+    nets = replace(networks(width=6), omegas=(0.1, 0.1))  # however large the weights become, the networks are not steep
     rng = torch.Generator().manual_seed(0)
     mix = torch.randn(6, 6, generator=rng) * torch.logspace(0, -2, 6)
     target = torch.randn(nets.theta.shape, generator=rng)
@@ -198,6 +198,33 @@ def test_soap_rotates_and_finds_the_minimum():
 @pytest.mark.parametrize(("width", "steps"), [(9, 20), (24, 20), (30, 8.2), (60, 4)])
 def test_soap_forgets_sooner_in_wide_networks(width, steps):
     assert 1 / Soap(networks(width=width))._fade == pytest.approx(steps, abs=0.01)
+
+
+def test_soap_takes_shorter_steps_in_steep_networks():
+    nets = networks(count=3)
+    gains = np.array([CALM / 2, CALM, 2 * CALM])
+    assert nets.gains() == pytest.approx(np.full(3, np.sqrt(2)), rel=0.2)
+    nets = replace(nets, omegas=tuple(30 * gains / nets.gains()))
+    assert nets.gains() == pytest.approx(gains)
+    before, optimiser = nets.theta.clone(), Soap(nets)
+    gradient = torch.randn(nets.theta[:1].shape, generator=torch.Generator().manual_seed(0)).expand(3, -1)
+    for _ in range(2):
+        optimiser.step(gradient, 1e-3)
+    lengths = (nets.theta - before).norm(dim=1)
+    torch.testing.assert_close(lengths / lengths[0], torch.tensor([1, 1, 1 / 16]), rtol=1e-3, atol=0)
+
+
+def test_soap_shortens_a_sudden_gradient():
+    moments = []
+    for times in (1, 10, 20):
+        optimiser = Soap(networks())
+        rng = torch.Generator().manual_seed(0)
+        for step in range(SETTLED + 5):
+            gradient = torch.randn(optimiser._first.shape, generator=rng)
+            optimiser.step(gradient * (times if step == SETTLED + 4 else 1), 1e-3)
+        moments.append(torch.from_numpy(optimiser._first))
+    assert (moments[1] - moments[0]).norm() > 0.01 * moments[0].norm()
+    torch.testing.assert_close(moments[2], moments[1], rtol=0, atol=0.01)
 
 
 def test_samples_are_what_the_axes_can_say(solid, frames, samples):
@@ -423,8 +450,10 @@ def test_soap_steps_networks_of_any_widths_as_it_would_each():
     alone = [initialise(w, 5, 30.0, torch.Generator().manual_seed(k)) for k, w in enumerate((7, 12))]
     optimisers = Soap(together), [Soap(a) for a in alone]
     rng = torch.Generator().manual_seed(1)
-    for _ in range(25):
+    for step in range(80):
         gradient = torch.randn(together.theta.shape, generator=rng) * torch.from_numpy(used(together))
+        if step > SETTLED:
+            gradient[:, :200] *= 1.5 + step % 3
         optimisers[0].step(gradient, 1e-3)
         for k, one in enumerate(optimisers[1]):
             one.step(gradient[k : k + 1, : alone[k].counts[0]], 1e-3)
