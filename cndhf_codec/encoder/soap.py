@@ -23,10 +23,6 @@ FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
 # Networks whose gains have grown beyond CALM take shorter steps, by the fourth power, or they would grow ever faster.
 CALM = 2.5
-# A gradient so many times as large as those before (root mean square of all numbers) is shortened to that; after so
-# many steps, when it is known how large they are.
-SUDDEN, SETTLED = np.float32(1.5), 60
-MOST = np.float32(1e4)  # as how much larger one number counts, squared
 
 Places = npt.NDArray[np.int64]  # (K, M, 3): where each matrix starts in a row of theta, its rows and its columns
 
@@ -38,7 +34,6 @@ class Soap:
         self._networks, self._theta = networks, networks.theta.detach()
         self._calm: npt.NDArray[np.float64]  # (K,) share of the rate that each network takes
         self._places = np.array([_places(networks, k) for k in range(len(networks))])
-        self._counts = np.array(networks.counts)
         self._step = 0
         widths = np.array(networks.widths)
         memory = np.maximum(MEMORY * np.minimum(1.0, (WIDE / widths) ** 4), LEAST_MEMORY)
@@ -57,12 +52,12 @@ class Soap:
             return
         self._step += 1
         if self._step % REFRESH == 1:
-            self._calm = np.minimum(CALM / self._networks.gains(), 1) ** 4
+            self._calm = (CALM / np.maximum(self._networks.gains(), CALM)) ** 4
         correction = 1 - (1 - self._fade.astype(np.float64)) ** self._step
         scale = (rate * self._calm / correction**0.5).astype(np.float32)
         refresh = self._step % REFRESH == 0
         state = self._grams, self._bases, self._first, self._second
-        move = _move(g, self._places, self._counts, self._fade, *state, scale, self._step > SETTLED, refresh)
+        move = _move(g, self._places, self._fade, *state, scale, refresh)
         self._theta.sub_(torch.from_numpy(move).to(self._theta.device))
 
 
@@ -175,14 +170,12 @@ def _first_bases(gradient: F32, places: Places, fade: F32, grams: F32, bases: F3
 def _move(
     gradient: F32,
     places: Places,
-    counts: npt.NDArray[np.int64],
     fade: F32,
     grams: F32,
     bases: F32,
     first: F32,
     second: F32,
     scale: F32,
-    settled: bool,
     refresh: bool,
 ) -> F32:
     """(K, P): what a step takes from the weights. Brings the moments, in the eigenbasis, and the grams up to date, and
@@ -200,14 +193,6 @@ def _move(
             _product(left[:rows, :rows].T, g, half, columns)
             _product(half[:rows, :columns], right, whole, columns)
             _store(whole, rotated[k], at, rows, columns)
-        if settled:
-            total = np.float32(0)
-            for i in range(P):
-                total += min(rotated[k, i] * rotated[k, i] / (second[k, i] + EPSILON * EPSILON), MOST)
-            times = np.sqrt(total / counts[k])
-            if times > SUDDEN:
-                for i in range(P):
-                    rotated[k, i] *= SUDDEN / times
         for i in range(P):
             first[k, i] += fade[k] * (rotated[k, i] - first[k, i])
             second[k, i] += fade[k] * (rotated[k, i] * rotated[k, i] - second[k, i])

@@ -26,7 +26,7 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
 from cndhf_codec.encoder.samples import FarSpace, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
-from cndhf_codec.encoder.soap import CALM, SETTLED, Soap
+from cndhf_codec.encoder.soap import CALM, Soap
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
 from cndhf_codec.encoder.tune import IdleNetworkError, tune
@@ -212,19 +212,6 @@ def test_soap_takes_shorter_steps_in_steep_networks():
         optimiser.step(gradient, 1e-3)
     lengths = (nets.theta - before).norm(dim=1)
     torch.testing.assert_close(lengths / lengths[0], torch.tensor([1, 1, 1 / 16]), rtol=1e-3, atol=0)
-
-
-def test_soap_shortens_a_sudden_gradient():
-    moments = []
-    for times in (1, 10, 20):
-        optimiser = Soap(networks())
-        rng = torch.Generator().manual_seed(0)
-        for step in range(SETTLED + 5):
-            gradient = torch.randn(optimiser._first.shape, generator=rng)
-            optimiser.step(gradient * (times if step == SETTLED + 4 else 1), 1e-3)
-        moments.append(torch.from_numpy(optimiser._first))
-    assert (moments[1] - moments[0]).norm() > 0.01 * moments[0].norm()
-    torch.testing.assert_close(moments[2], moments[1], rtol=0, atol=0.01)
 
 
 def test_samples_are_what_the_axes_can_say(solid, frames, samples):
@@ -450,10 +437,8 @@ def test_soap_steps_networks_of_any_widths_as_it_would_each():
     alone = [initialise(w, 5, 30.0, torch.Generator().manual_seed(k)) for k, w in enumerate((7, 12))]
     optimisers = Soap(together), [Soap(a) for a in alone]
     rng = torch.Generator().manual_seed(1)
-    for step in range(80):
+    for _ in range(25):
         gradient = torch.randn(together.theta.shape, generator=rng) * torch.from_numpy(used(together))
-        if step > SETTLED:
-            gradient[:, :200] *= 1.5 + step % 3
         optimisers[0].step(gradient, 1e-3)
         for k, one in enumerate(optimisers[1]):
             one.step(gradient[k : k + 1, : alone[k].counts[0]], 1e-3)
