@@ -217,7 +217,7 @@ def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Compos
             settings,
             width=w,
             omega=omega_for(settings, w),
-            learning_rate=settings.learning_rate * min(1.0, STEADY / w),
+            learning_rate=settings.learning_rate * min(1.0, STEADY / w),  # wide ones have come out steep
         )
         for w in plan.widths
     ]

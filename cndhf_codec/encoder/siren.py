@@ -50,10 +50,8 @@ class Networks:
     def gains(self) -> npt.NDArray[np.float64]:
         """(K,) about what a hidden layer multiplies a change of its input by: omega times the root mean square singular
         value of the hidden matrices. The square root of 2 in new networks."""
-        squares = []
-        for k, width in enumerate(self.widths):
-            layers = self.row(k).detach()[3 * width : -2 * width - 2].view(self.hidden_layers, width * (width + 1))
-            squares.append(float((layers[:, : width * width] ** 2).sum()) / max(self.hidden_layers * width, 1))
+        hidden = [torch.stack(self.tensors(k)[2:-2:2]).detach() for k in range(len(self))]  # (layers, width, width)
+        squares = [float((h**2).sum()) / (len(h) * width) for h, width in zip(hidden, self.widths, strict=True)]
         return np.array(self.omegas) * np.sqrt(squares)
 
     def row(self, k: int) -> torch.Tensor:
