@@ -68,7 +68,11 @@ class Composite:
     Most samples of space cost nothing, and most DHFs are far from most samples. `look` finds what matters to some
     networks: the pool of the space samples that batches are drawn from, and which DHFs are near a sample. The networks
     may then change for some steps before it must look again.
+
+    owned: (K,) share of the surface samples that are nearest to each DHF, of those that see them, at the last look.
     """
+
+    owned: npt.NDArray[np.float64]
 
     def __init__(self, samples: Samples, far: FarSpace, frames: list[Frame], device: torch.device, team: Team) -> None:
         self.device, self._team = device, team
@@ -173,16 +177,18 @@ class Composite:
     def look(self, networks: Networks, reach: float) -> None:
         """Find what matters to some networks until f has changed by `reach`.
 
-        That is: which DHFs are near which samples; the space samples that cost something or then might; and what is
-        seldom drawn by chance: those on the wrong side of f, and suspects, points of far space where f is about to
-        rise above zero and points nearer to the surface where it is about to be wrong.
+        That is: which DHFs are near which samples, and which share of the surface is each one's (`owned`); the space
+        samples that cost something or then might; and what is seldom drawn by chance: those on the wrong side of f, and
+        suspects, points of far space where f is about to rise above zero and points nearer to the surface where it is
+        about to be wrong.
         """
         for side, points, excluded, distance in self.hunt.suspects(networks):
             self._add_suspects(side, points, excluded, distance)
 
         slack = self._slacks(networks, self._surface)
-        own = slack.masked_fill(~self._seen, FAR).min(dim=1, keepdim=True).values
+        own, owner = slack.masked_fill(~self._seen, FAR).min(dim=1, keepdim=True)
         self._near_surface = (slack < reach) | (self._seen & (slack <= own))
+        self.owned = (torch.bincount(owner[:, 0], minlength=len(networks)) / len(owner)).cpu().double().numpy()
 
         slack = self._slacks(networks, self._space)
         least = self._least(slack)

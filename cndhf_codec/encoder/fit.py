@@ -106,7 +106,7 @@ def _fit(
         loss = loss_of(network, generator)
         (gradient,) = torch.autograd.grad(loss, theta)
         with torch.no_grad():
-            step_by(gradient, settings.learning_rate * cosine_schedule(step, done, WARM_UP))
+            step_by(gradient, settings.learning_rate * cosine_schedule(step / WARM_UP, done))
         if step % REPORT_EVERY == 0 or step == settings.steps:
             value = loss.item()
             if not math.isfinite(value):
@@ -115,10 +115,10 @@ def _fit(
     return replace(network, theta=theta.detach().cpu())
 
 
-def cosine_schedule(step: int, done: float, warm_up: int) -> float:
-    """Share of the learning rate at a step, from 1 on, when a share of the work is done: it rises in `warm_up` steps,
-    and falls to 0 along a cosine."""
-    return min(1.0, step / warm_up) * 0.5 * (1 + math.cos(math.pi * done))
+def cosine_schedule(warm: float, done: float) -> float:
+    """Share of the learning rate when a share of the work is done: it rises while `warm` goes to 1, and falls to 0
+    along a cosine."""
+    return min(1.0, warm) * 0.5 * (1 + math.cos(math.pi * done))
 
 
 def _adam(theta: torch.Tensor) -> Callable[[torch.Tensor, float], None]:

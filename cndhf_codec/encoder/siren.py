@@ -47,13 +47,6 @@ class Networks:
         """Weights of each network."""
         return [parameter_count(w, self.hidden_layers) for w in self.widths]
 
-    def gains(self) -> npt.NDArray[np.float64]:
-        """(K,) about what a hidden layer multiplies a change of its input by: omega times the root mean square singular
-        value of the hidden matrices. The square root of 2 in new networks."""
-        hidden = [torch.stack(self.tensors(k)[2:-2:2]).detach() for k in range(len(self))]  # (layers, width, width)
-        squares = [float((h**2).sum()) / (len(h) * width) for h, width in zip(hidden, self.widths, strict=True)]
-        return np.array(self.omegas) * np.sqrt(squares)
-
     def row(self, k: int) -> torch.Tensor:
         """(P_k,): the weights of network k, a view."""
         return self.theta[k, : self.counts[k]]

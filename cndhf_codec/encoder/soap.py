@@ -21,8 +21,6 @@ EPSILON = np.float32(1e-8)
 SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest entry
 FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
-# Networks whose gains have grown beyond CALM take shorter steps, by the fourth power, or they would grow ever faster.
-CALM = 2.5
 
 Places = npt.NDArray[np.int64]  # (K, M, 3): where each matrix starts in a row of theta, its rows and its columns
 
@@ -31,8 +29,7 @@ class Soap:
     """Steps the weights of some networks in place."""
 
     def __init__(self, networks: Networks) -> None:
-        self._networks, self._theta = networks, networks.theta.detach()
-        self._calm: npt.NDArray[np.float64]  # (K,) share of the rate that each network takes
+        self._theta = networks.theta.detach()
         self._places = np.array([_places(networks, k) for k in range(len(networks))])
         self._step = 0
         widths = np.array(networks.widths)
@@ -44,17 +41,16 @@ class Soap:
         shape = (*self._places.shape[:2], 2, side, side)
         self._grams, self._bases = (np.zeros(shape, np.float32) for _ in range(2))
 
-    def step(self, gradient: torch.Tensor, rate: float) -> None:
-        """One step along `gradient`, (K, P). The first call only sets up the eigenbasis."""
+    def step(self, gradient: torch.Tensor, rate: float | npt.NDArray[np.float64]) -> None:
+        """One step along `gradient`, (K, P), at one learning rate or, (K,), at each network's own. The first call only
+        sets up the eigenbasis."""
         g = gradient.detach().cpu().numpy()
         if not self._bases.any():
             _first_bases(g, self._places, self._fade, self._grams, self._bases)
             return
         self._step += 1
-        if self._step % REFRESH == 1:
-            self._calm = (CALM / np.maximum(self._networks.gains(), CALM)) ** 4
         correction = 1 - (1 - self._fade.astype(np.float64)) ** self._step
-        scale = (rate * self._calm / correction**0.5).astype(np.float32)
+        scale = (rate / correction**0.5).astype(np.float32)
         refresh = self._step % REFRESH == 0
         state = self._grams, self._bases, self._first, self._second
         move = _move(g, self._places, self._fade, *state, scale, refresh)

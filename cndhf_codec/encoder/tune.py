@@ -15,11 +15,14 @@ from .progress import OnStep
 from .siren import Networks
 from .soap import Soap
 
-WARM_UP = 50  # steps of rising learning rate
+WARM_UP = 0.05  # of the steps the learning rate rises: sooner, and one network takes over what was another's
 SURFACE = 0.7  # share of a batch drawn on the surface
 LOOK_EVERY = 1000  # steps between looks at what matters to the loss
 STEADY = 20  # widest networks that bear the whole learning rate; with wider ones the loss rises in the long run
 EARLY = 700  # steps in which new networks change much, and everything is taken to matter
+# A network that is asked less than others learns as much less a step, at least this share of it: its gradients are of
+# few samples, and at full length its steps are a random walk, on which it loses what it has, or grows ever steeper.
+LEAST_RATE = 0.2
 AT_ONCE = 100  # steps that batches are drawn for, all between two looks; the loss is reported as often
 
 
@@ -42,8 +45,9 @@ def tune(
     held: torch.Tensor | None = None,
 ) -> None:
     """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine; faster, and
-    for fewer steps, when the deadline comes first. Where a network is wider than STEADY all take less, by the square of
-    the width: a narrow one that is seldom asked, at a higher rate than the others, grows wild in the long run.
+    for fewer steps, when the deadline comes first. A network that owns less of the surface than an equal share takes as
+    much less of the rate, at least LEAST_RATE of it. Where a network is wider than STEADY all take less, by the square
+    of the width: a narrow one that is seldom asked, at a higher rate than the others, grows wild in the long run.
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges, and, with no weight
     held, IdleNetworkError when no sample of AT_ONCE steps has pulled at one of several networks.
@@ -69,7 +73,8 @@ def tune(
             pulled |= gradient.any(dim=1)
         else:
             gradient.masked_fill_(held, 0)
-        optimiser.step(gradient, rate * cosine_schedule(step, done, WARM_UP))
+        rates = np.clip(composite.owned * len(networks), LEAST_RATE, 1.0) * rate
+        optimiser.step(gradient, rates * cosine_schedule((done + 1 / steps) / WARM_UP, done))
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)
         if step % AT_ONCE == 0 or step == steps:

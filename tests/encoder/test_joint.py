@@ -26,10 +26,10 @@ from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
 from cndhf_codec.encoder.samples import FarSpace, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
-from cndhf_codec.encoder.soap import CALM, Soap
+from cndhf_codec.encoder.soap import Soap
 from cndhf_codec.encoder.solid import Solid
 from cndhf_codec.encoder.team import Team
-from cndhf_codec.encoder.tune import IdleNetworkError, tune
+from cndhf_codec.encoder.tune import LEAST_RATE, IdleNetworkError, tune
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
 from cndhf_codec.format.container import parameter_count
@@ -200,18 +200,14 @@ def test_soap_forgets_sooner_in_wide_networks(width, steps):
     assert 1 / Soap(networks(width=width))._fade == pytest.approx(steps, abs=0.01)
 
 
-def test_soap_takes_shorter_steps_in_steep_networks():
+def test_each_network_steps_at_its_own_rate():
     nets = networks(count=3)
-    gains = np.array([CALM / 2, CALM, 2 * CALM])
-    assert nets.gains() == pytest.approx(np.full(3, np.sqrt(2)), rel=0.2)
-    nets = replace(nets, omegas=tuple(30 * gains / nets.gains()))
-    assert nets.gains() == pytest.approx(gains)
     before, optimiser = nets.theta.clone(), Soap(nets)
     gradient = torch.randn(nets.theta[:1].shape, generator=torch.Generator().manual_seed(0)).expand(3, -1)
     for _ in range(2):
-        optimiser.step(gradient, 1e-3)
+        optimiser.step(gradient, np.array([1e-3, 5e-4, 2e-4]))
     lengths = (nets.theta - before).norm(dim=1)
-    torch.testing.assert_close(lengths / lengths[0], torch.tensor([1, 1, 1 / 16]), rtol=1e-3, atol=0)
+    torch.testing.assert_close(lengths / lengths[0], torch.tensor([1, 0.5, 0.2]), rtol=1e-3, atol=0)
 
 
 def test_samples_are_what_the_axes_can_say(solid, frames, samples):
@@ -344,15 +340,30 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples
 
 
 def test_wide_networks_take_smaller_steps(composite, monkeypatch):
-    rates: list[float] = []
+    rates: list[np.ndarray] = []
     monkeypatch.setattr(Soap, "step", lambda self, gradient, rate: rates.append(rate))
     largest = []
     for width in (6, 20, 40):
         rates.clear()
         tune(of_widths(width, 5), composite, 64, 100, 1e-3, 0, lambda step, loss: None, Deadline())
-        largest.append(max(rates))
+        largest.append(np.max(rates))
     assert largest[1] == largest[0]
     assert largest[2] == pytest.approx(0.25 * largest[0])
+
+
+def test_a_network_that_owns_little_takes_smaller_steps_and_all_begin_with_small_ones(composite, monkeypatch):
+    rates: list[np.ndarray] = []
+    monkeypatch.setattr(Soap, "step", lambda self, gradient, rate: rates.append(rate))
+    nets = networks()
+    composite.look(nets, REACH)
+    owned = composite.owned
+    assert owned.sum() == pytest.approx(1)
+    tune(nets, composite, 64, 100, 1e-3, 0, lambda step, loss: None, Deadline())
+    share = np.clip(2 * owned, LEAST_RATE, 1)
+    assert share.min() < 1
+    assert rates[0] == pytest.approx(1e-3 * share / 5)  # of the 5 first steps
+    assert rates[4] == pytest.approx(1e-3 * share, rel=0.01)
+    assert rates[-1].max() < 1e-6
 
 
 def test_a_deadline_ends_the_joint_fit(composite):
