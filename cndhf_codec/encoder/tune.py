@@ -62,10 +62,9 @@ def tune(
         done = max((step - 1) / steps, deadline.passed())
         if done >= 1:
             break
-        if step == 1:
-            composite.look(networks, FAR if held is None else REACH)
-        elif step % LOOK_EVERY == EARLY + 1:
-            composite.look(networks, REACH)
+        if step == 1 or step % LOOK_EVERY == EARLY + 1:
+            composite.look(networks, FAR if step == 1 and held is None else REACH)
+            rates = np.clip(composite.owned * len(networks), LEAST_RATE, 1.0) * rate
         if (step - 1) % AT_ONCE == 0:
             batches = iter(composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - step + 1), rng))
         gradient, loss = composite.gradient(networks, next(batches))
@@ -73,7 +72,6 @@ def tune(
             pulled |= gradient.any(dim=1)
         else:
             gradient.masked_fill_(held, 0)
-        rates = np.clip(composite.owned * len(networks), LEAST_RATE, 1.0) * rate
         optimiser.step(gradient, rates * cosine_schedule((done + 1 / steps) / WARM_UP, done))
         if held is not None:
             torch.where(held, start, networks.theta, out=networks.theta)

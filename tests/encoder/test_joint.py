@@ -176,7 +176,7 @@ def test_a_team_keeps_the_order_and_passes_errors_on():
 
 def test_soap_rotates_and_finds_the_minimum():
     # Strongly coupled least squares on every hidden matrix: plain gradients crawl.
-    nets = replace(networks(width=6), omegas=(0.1, 0.1))  # however large the weights become, the networks are not steep
+    nets = networks(width=6)
     rng = torch.Generator().manual_seed(0)
     mix = torch.randn(6, 6, generator=rng) * torch.logspace(0, -2, 6)
     target = torch.randn(nets.theta.shape, generator=rng)
