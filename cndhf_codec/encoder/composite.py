@@ -21,6 +21,8 @@ from .heights import Frame
 from .hunt import AT_ONCE, Hunt
 from .samples import CLEAR, FarSpace, Samples
 from .siren import Networks, heights
+from .soap import Soap
+from .steps import ALL_DONE, APART, SHARDS, give_way, take_steps
 from .team import Team
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
@@ -31,7 +33,6 @@ STRAY = 0.04  # a sample that is wrongly inside at this distance from the surfac
 SUSPECTS = 20_000  # of what a search finds, how many are kept of each side, the latest
 REACH = 0.1  # how much f must change before a network that is left out of a sample has a say in what it costs
 RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
-SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 FAR = float(kernel.FAR)
 
 
@@ -53,13 +54,19 @@ class Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
-    """Samples of one step. surface: (B,) rows of the surface samples. space: (C,) places in the pool, which stand for
-    `of` draws among all of space."""
+class Batches:
+    """Samples of S steps. surface: (S, B) rows of the surface samples. space: (S, C) places in the pool, which stand
+    for `of` draws among all of space."""
 
     surface: npt.NDArray[np.int64]
     space: npt.NDArray[np.int64]
     of: int
+
+    def __len__(self) -> int:
+        return len(self.surface)
+
+    def part(self, first: int, last: int) -> Batches:
+        return Batches(self.surface[first:last], self.space[first:last], self.of)
 
 
 class Composite:
@@ -130,21 +137,19 @@ class Composite:
         space = torch.from_numpy(rng.integers(self.n_space, size=rest)).to(self.device)
         return surface, torch.cat([space, pooled])
 
-    def draw_batches(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> list[Batch]:
+    def draw_batches(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> Batches:
         """As `draw`, for `count` steps before the next look: in runs, and without the space samples that cost
         nothing."""
         parts = self._shares(n_space)
         rest = n_space - sum(n for _, _, n in parts)
         parts.append((0, self._active, round(rest * self._active / self.n_space)))
         space = np.concatenate([_runs(*part, count, rng) for part in parts], axis=1)
-        surface = _runs(0, self.n_surface, n_surface, count, rng)
-        return [Batch(*rows, n_space) for rows in zip(surface, space, strict=True)]
+        return Batches(_runs(0, self.n_surface, n_surface, count, rng), space, n_space)
 
-    def rows(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-        """The rows of a batch's surface and space samples, as `draw` gives them."""
-        return torch.from_numpy(batch.surface).to(self.device), self._pool[
-            torch.from_numpy(batch.space).to(self.device)
-        ]
+    def rows(self, batch: Batches) -> tuple[torch.Tensor, torch.Tensor]:
+        """The rows of the surface and space samples of the first step, as `draw` gives them."""
+        surface, space = (torch.from_numpy(part[0]).to(self.device) for part in (batch.surface, batch.space))
+        return surface, self._pool[space]
 
     def _shares(self, n_space: int) -> list[tuple[int, int, int]]:
         """Of `n_space` draws, how many are among the violations and the suspects: (first, last, count), places in the
@@ -238,28 +243,100 @@ class Composite:
         that may exclude it for one that is outside."""
         return torch.where(self._inside, slack.min(dim=1).values, slack.masked_fill(~self._excluded, FAR).amin(dim=1))
 
-    def gradient(self, networks: Networks, batch: Batch) -> tuple[torch.Tensor, float]:
-        """(K, P) gradient in theta of the loss, and the loss: the mean cost of the batch's surface samples and that of
-        the space samples that it stands for, added."""
-        n = len(batch.surface)
+    def gradient(self, networks: Networks, batch: Batches) -> tuple[torch.Tensor, float]:
+        """(K, P) gradient in theta of the loss of the first step, and the loss: the mean cost of the batch's surface
+        samples and that of the space samples that it stands for, added."""
         if self.device.type != "cpu":
             theta = networks.theta.detach().requires_grad_()
+            n = batch.surface.shape[1]
             cost = self.terms(replace(networks, theta=theta), *self.rows(batch)).cost
             loss = cost[:n].mean() + cost[n:].sum() / batch.of
             return torch.autograd.grad(loss, theta)[0], loss.item()
-        theta_array, boxes = networks.theta.detach().numpy(), self._boxes.numpy()
+        none = np.zeros((0, len(networks)))
+        gradient, losses, _ = self._take_steps(networks, Soap(networks), batch.part(0, 1), none, None)
+        return torch.from_numpy(gradient), losses[0]
+
+    def descend(
+        self,
+        networks: Networks,
+        optimiser: Soap,
+        batches: Batches,
+        rates: npt.NDArray[np.float64],
+        held: torch.Tensor | None = None,
+    ) -> tuple[float, npt.NDArray[np.bool_]]:
+        """Change the networks in place by a step on each of the batches, at learning rates (S, K). held: (K, P) mask of
+        the weights to leave as they are. Returns the last step's loss, and, (K,), at which networks any step pulled."""
+        if self.device.type == "cpu" and optimiser.started:
+            _, losses, pulled = self._take_steps(networks, optimiser, batches, rates, held)
+            return losses[-1], pulled
+        pulled, loss = np.zeros(len(networks), np.bool_), 0.0
+        for s, rate in enumerate(rates):
+            gradient, loss = self.gradient(networks, batches.part(s, s + 1))
+            pulled |= gradient.any(dim=1).cpu().numpy()
+            before = networks.theta.clone()
+            optimiser.step(gradient if held is None else gradient.masked_fill(held, 0), rate)
+            if held is not None:
+                torch.where(held, before, networks.theta, out=networks.theta)
+        return loss, pulled
+
+    def _take_steps(
+        self,
+        networks: Networks,
+        optimiser: Soap,
+        batches: Batches,
+        rates: npt.NDArray[np.float64],
+        held: torch.Tensor | None,
+    ) -> tuple[npt.NDArray[np.float32], list[float], npt.NDArray[np.bool_]]:
+        """On the CPU: (K, P) gradient of the last step, (S,) losses, and what was pulled at; see `steps.take_steps`."""
+        theta = networks.theta.detach().numpy()
+        of_networks = (
+            np.array(networks.widths),
+            np.array(networks.counts),
+            networks.hidden_layers + 1,
+            np.array(networks.omegas, dtype=np.float32),
+        )
         on_surface = tuple(t.numpy() for t in (self._surface, self._near_surface, self._seen, self._cosine))
-        in_space = tuple(t.numpy() for t in self._in_pool)
-        widths, counts = np.array(networks.widths), np.array(networks.counts)
-        shape = widths, counts, networks.hidden_layers + 1, np.array(networks.omegas, dtype=np.float32)
-        scales = np.float32(1 / max(n, 1)), np.float32(1 / max(batch.of, 1))
+        scales, refreshes = optimiser.plan(rates)
+        mask = np.zeros(theta.shape, np.bool_) if held is None else held.numpy()
+        gradients = np.empty((SHARDS, *theta.shape), np.float32)
+        losses, pulled = np.empty((len(batches), SHARDS)), np.zeros(len(networks), np.bool_)
+        threads = min(self._team.threads, SHARDS)
+        counters = np.zeros(threads * APART, np.int64)
 
-        def shard(s: int) -> tuple[np.ndarray, float]:
-            on, off = (i[len(i) * s // SHARDS : len(i) * (s + 1) // SHARDS] for i in (batch.surface, batch.space))
-            return kernel.composite_gradient(theta_array, *shape, boxes, on_surface, in_space, on, off, *scales)
+        def run(me: int) -> None:
+            try:
+                take_steps(
+                    me,
+                    threads,
+                    counters,
+                    give_way(),
+                    theta,
+                    of_networks,
+                    self._boxes.numpy(),
+                    on_surface,
+                    tuple(t.numpy() for t in self._in_pool),
+                    batches.surface,
+                    batches.space,
+                    np.float32(1 / max(batches.surface.shape[1], 1)),
+                    np.float32(1 / max(batches.of, 1)),
+                    optimiser.state,
+                    scales,
+                    refreshes,
+                    mask,
+                    gradients,
+                    losses,
+                    pulled,
+                )
+            except BaseException:
+                counters[:] = ALL_DONE
+                raise
 
-        gradients, losses = zip(*self._team.map(shard, range(SHARDS)), strict=True)
-        return torch.from_numpy(sum(gradients[1:], start=gradients[0])), sum(losses)
+        try:
+            self._team.map(run, range(threads))
+        except BaseException:  # an interrupt before this thread ran: the others must not wait for it
+            counters[:] = ALL_DONE
+            raise
+        return gradients[0], losses.sum(axis=1).tolist(), pulled
 
     def terms(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> Terms:
         """Terms of the surface samples and then the space samples with these indices."""

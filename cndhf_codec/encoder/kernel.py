@@ -213,7 +213,7 @@ def _place(point: F32, box: F32, x: F32, m: int) -> None:
         x[c, m] = min(max(point[c], box[c, 0]), box[c, 1])
 
 
-@compiled
+@inlined
 def composite_gradient(
     theta: F32,
     widths: npt.NDArray[np.int64],
@@ -227,8 +227,9 @@ def composite_gradient(
     off: npt.NDArray[np.int64],
     on_scale: np.float32,
     off_scale: np.float32,
-) -> tuple[F32, float]:
-    """(K, P) gradient of the composite loss of some samples in theta, and that loss.
+    grad: F32,
+) -> float:
+    """The composite loss of some samples; grad, (K, P), becomes its gradient in theta.
 
     widths, counts, omegas: (K,), of each network; counts are numbers of weights.
 
@@ -304,7 +305,7 @@ def composite_gradient(
                         loss += slope[s] * (least + margin[i])
                 active[s], side[s] = who, 1 if far[who, t] else 0
 
-    grad = np.zeros(theta.shape, np.float32)
+    grad[:] = 0
     g = np.empty((2, TILE), np.float32)
     for k in range(K):
         w, own, of_own = widths[k], theta[k, : counts[k]], grad[k, : counts[k]]
@@ -322,4 +323,4 @@ def composite_gradient(
                 forward(own, w, layers, omegas[k], x, n, xs, slopes)
                 backward(own, w, layers, omegas[k], x, n, xs, slopes, g, of_own)
                 m = 0
-    return grad, loss
+    return loss

@@ -23,6 +23,7 @@ FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
 REFRESH = 10  # steps between refreshes of the eigenbasis
 
 Places = npt.NDArray[np.int64]  # (K, M, 3): where each matrix starts in a row of theta, its rows and its columns
+State = tuple[Places, F32, F32, F32, F32, F32]  # places, fade, grams, bases, first and second moments
 
 
 class Soap:
@@ -30,31 +31,42 @@ class Soap:
 
     def __init__(self, networks: Networks) -> None:
         self._theta = networks.theta.detach()
-        self._places = np.array([_places(networks, k) for k in range(len(networks))])
-        self._step = 0
+        self._taken = 0
+        places = np.array([_places(networks, k) for k in range(len(networks))])
         widths = np.array(networks.widths)
         memory = np.maximum(MEMORY * np.minimum(1.0, (WIDE / widths) ** 4), LEAST_MEMORY)
-        self._fade = (1 / memory).astype(np.float32)  # (K,)
-        self._first, self._second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
+        fade = (1 / memory).astype(np.float32)  # (K,)
+        first, second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
         # Of each matrix, for its rows and for its columns; with zeros beyond its size, up to whole vectors.
         side = max(networks.widths) + -max(networks.widths) % LANES
-        shape = (*self._places.shape[:2], 2, side, side)
-        self._grams, self._bases = (np.zeros(shape, np.float32) for _ in range(2))
+        grams, bases = (np.zeros((*places.shape[:2], 2, side, side), np.float32) for _ in range(2))
+        self.state: State = places, fade, grams, bases, first, second
 
     def step(self, gradient: torch.Tensor, rate: float | npt.NDArray[np.float64]) -> None:
         """One step along `gradient`, (K, P), at one learning rate or, (K,), at each network's own. The first call only
         sets up the eigenbasis."""
         g = gradient.detach().cpu().numpy()
-        if not self._bases.any():
-            _first_bases(g, self._places, self._fade, self._grams, self._bases)
+        if not self.started:
+            places, fade, grams, bases, _, _ = self.state
+            _first_bases(g, places, fade, grams, bases)
             return
-        self._step += 1
-        correction = 1 - (1 - self._fade.astype(np.float64)) ** self._step
-        scale = (rate / correction**0.5).astype(np.float32)
-        refresh = self._step % REFRESH == 0
-        state = self._grams, self._bases, self._first, self._second
-        move = _move(g, self._places, self._fade, *state, scale, refresh)
-        self._theta.sub_(torch.from_numpy(move).to(self._theta.device))
+        (scale,), (refresh,) = self.plan(np.broadcast_to(rate, (1, len(g))))
+        theta = self._theta.cpu().numpy()
+        _move(theta, g.copy(), *self.state, scale, refresh)
+        self._theta.copy_(torch.from_numpy(theta))
+
+    @property
+    def started(self) -> bool:
+        """Whether the eigenbases are set up."""
+        return bool(self.state[3].any())
+
+    def plan(self, rates: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        """Count some steps as taken, at the learning rates (S, K). Returns the scale (S, K) that `move_matrix` takes
+        for each of them, and (S,) whether it refreshes the eigenbases."""
+        numbers = self._taken + 1 + np.arange(len(rates))
+        self._taken += len(rates)
+        correction = 1 - (1 - self.state[1].astype(np.float64)) ** numbers[:, None]
+        return (rates / correction**0.5).astype(np.float32), numbers % REFRESH == 0
 
 
 def _places(networks: Networks, k: int) -> list[tuple[int, ...]]:
@@ -162,8 +174,74 @@ def _first_bases(gradient: F32, places: Places, fade: F32, grams: F32, bases: F3
                     _iterate(grams[k, m, side, :n, :n], basis)
 
 
+@inlined
+def move_matrix(
+    theta: F32,
+    gradient: F32,
+    held: npt.NDArray[np.bool_],
+    k: int,
+    m: int,
+    places: Places,
+    fade: F32,
+    grams: F32,
+    bases: F32,
+    first: F32,
+    second: F32,
+    scale: np.float32,
+    refresh: bool,
+) -> None:
+    """Step matrix m of network k and the biases after it in theta, (K, P), but for what is held; overwrites their
+    gradient. Brings the moments, in the eigenbasis, and the grams up to date, and then the bases where they are to be
+    refreshed."""
+    work = np.empty((4, *grams.shape[-2:]), np.float32)
+    g, half, whole, back = work[0], work[1], work[2], work[3]
+    at, rows, columns = places[k, m]
+    left, right, row = bases[k, m, 0], bases[k, m, 1], gradient[k]
+    _load(row, at, rows, columns, g)
+    _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
+    _product(left[:rows, :rows].T, g, half, columns)
+    _product(half[:rows, :columns], right, whole, columns)
+    _store(whole, row, at, rows, columns)
+    for i in range(at, at + rows * (columns + 1)):
+        first[k, i] += fade[k] * (row[i] - first[k, i])
+        second[k, i] += fade[k] * (row[i] * row[i] - second[k, i])
+        row[i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
+    _flip(right, back)
+    _load(row, at, rows, columns, g)
+    _product(left[:rows, :rows], g, half, columns)
+    _product(half[:rows, :columns], back, whole, columns)
+    _store(whole, row, at, rows, columns)
+    for i in range(at, at + rows * (columns + 1)):
+        if not held[k, i]:
+            theta[k, i] -= row[i]
+    if not refresh:
+        return
+    _load(first[k], at, rows, columns, g)
+    _product(left[:rows, :rows], g, half, columns)
+    _product(half[:rows, :columns], back, whole, columns)
+    squares = second[k, at : at + rows * columns].reshape(rows, columns)
+    for side in range(2):
+        n = rows if side == 0 else columns
+        gram, basis = grams[k, m, side, :n, :n], bases[k, m, side, :n, :n]
+        # Largest eigenvalue first, or the iteration would not converge.
+        values = np.empty(n, np.float32)
+        _product(gram, bases[k, m, side], half, n)
+        for c in range(n):
+            values[c] = 0
+            for i in range(n):
+                values[c] -= basis[i, c] * half[i, c]
+        order = np.argsort(values, kind="mergesort")
+        basis[:] = basis.copy()[:, order]
+        squares[:] = squares.copy()[order] if side == 0 else squares.copy()[:, order]
+        _iterate(gram, basis)
+    _product(left[:rows, :rows].T, whole, half, columns)
+    _product(half[:rows, :columns], right, g, columns)
+    _store(g, first[k], at, rows, columns)
+
+
 @compiled
 def _move(
+    theta: F32,
     gradient: F32,
     places: Places,
     fade: F32,
@@ -173,54 +251,9 @@ def _move(
     second: F32,
     scale: F32,
     refresh: bool,
-) -> F32:
-    """(K, P): what a step takes from the weights. Brings the moments, in the eigenbasis, and the grams up to date, and
-    then the bases where they are to be refreshed."""
-    K, P = gradient.shape
-    move, rotated = np.empty((K, P), np.float32), gradient.copy()
-    work = np.empty((4, *grams.shape[-2:]), np.float32)
-    g, half, whole, back = work[0], work[1], work[2], work[3]
-    for k in range(K):
+) -> None:
+    """Step all weights of theta, (K, P); overwrites the gradient."""
+    held = np.zeros(theta.shape, np.bool_)
+    for k in range(len(theta)):
         for m in range(places.shape[1]):
-            at, rows, columns = places[k, m]
-            left, right = bases[k, m, 0], bases[k, m, 1]
-            _load(gradient[k], at, rows, columns, g)
-            _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
-            _product(left[:rows, :rows].T, g, half, columns)
-            _product(half[:rows, :columns], right, whole, columns)
-            _store(whole, rotated[k], at, rows, columns)
-        for i in range(P):
-            first[k, i] += fade[k] * (rotated[k, i] - first[k, i])
-            second[k, i] += fade[k] * (rotated[k, i] * rotated[k, i] - second[k, i])
-            move[k, i] = scale[k] * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
-        for m in range(places.shape[1]):
-            at, rows, columns = places[k, m]
-            left, right = bases[k, m, 0], bases[k, m, 1]
-            _flip(right, back)
-            _load(move[k], at, rows, columns, g)
-            _product(left[:rows, :rows], g, half, columns)
-            _product(half[:rows, :columns], back, whole, columns)
-            _store(whole, move[k], at, rows, columns)
-            if refresh:
-                _load(first[k], at, rows, columns, g)
-                _product(left[:rows, :rows], g, half, columns)
-                _product(half[:rows, :columns], back, whole, columns)
-                squares = second[k, at : at + rows * columns].reshape(rows, columns)
-                for side in range(2):
-                    n = rows if side == 0 else columns
-                    gram, basis = grams[k, m, side, :n, :n], bases[k, m, side, :n, :n]
-                    # Largest eigenvalue first, or the iteration would not converge.
-                    values = np.empty(n, np.float32)
-                    _product(gram, bases[k, m, side], half, n)
-                    for c in range(n):
-                        values[c] = 0
-                        for i in range(n):
-                            values[c] -= basis[i, c] * half[i, c]
-                    order = np.argsort(values, kind="mergesort")
-                    basis[:] = basis.copy()[:, order]
-                    squares[:] = squares.copy()[order] if side == 0 else squares.copy()[:, order]
-                    _iterate(gram, basis)
-                _product(left[:rows, :rows].T, whole, half, columns)
-                _product(half[:rows, :columns], right, g, columns)
-                _store(g, first[k], at, rows, columns)
-    return move
+            move_matrix(theta, gradient, held, k, m, places, fade, grams, bases, first, second, scale[k], refresh)

@@ -15,7 +15,7 @@ class Team:
     """`threads` threads, the caller's among them: waking only the others is worth a third of a short job's time."""
 
     def __init__(self, threads: int) -> None:
-        self._threads = threads
+        self.threads = threads
         self._others = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
@@ -25,11 +25,11 @@ class Team:
             return [function(i) for i in todo]
 
         def part(k: int) -> list[Result]:
-            return [function(i) for i in todo[k :: self._threads]]
+            return [function(i) for i in todo[k :: self.threads]]
 
-        others = [self._others.submit(part, k) for k in range(1, min(self._threads, len(todo)))]
+        others = [self._others.submit(part, k) for k in range(1, min(self.threads, len(todo)))]
         parts = [part(0), *(o.result() for o in others)]
-        return [parts[i % self._threads][i // self._threads] for i in range(len(todo))]
+        return [parts[i % self.threads][i // self.threads] for i in range(len(todo))]
 
     def __enter__(self) -> Team:
         return self

@@ -24,6 +24,7 @@ EARLY = 700  # steps in which new networks change much, and everything is taken 
 # few samples, and at full length its steps are a random walk, on which it loses what it has, or grows ever steeper.
 LEAST_RATE = 0.2
 AT_ONCE = 100  # steps that batches are drawn for, all between two looks; the loss is reported as often
+TOGETHER = 20  # steps that are taken without a look at the deadline
 
 
 class IdleNetworkError(Exception):
@@ -55,31 +56,28 @@ def tune(
     rate *= min(1.0, (STEADY / max(networks.widths)) ** 2)
     rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
-    start = networks.theta.clone()
     n_surface = round(batch * SURFACE)
-    pulled = torch.zeros(len(networks), dtype=torch.bool, device=networks.theta.device)
-    for step in range(1, steps + 1):
-        done = max((step - 1) / steps, deadline.passed())
-        if done >= 1:
+    pulled = np.zeros(len(networks), np.bool_)
+    for first in range(0, steps, TOGETHER):
+        passed = deadline.passed()
+        if passed >= 1:
             break
-        if step == 1 or step % LOOK_EVERY == EARLY + 1:
-            composite.look(networks, FAR if step == 1 and held is None else REACH)
-            rates = np.clip(composite.owned * len(networks), LEAST_RATE, 1.0) * rate
-        if (step - 1) % AT_ONCE == 0:
-            batches = iter(composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - step + 1), rng))
-        gradient, loss = composite.gradient(networks, next(batches))
-        if held is None:
-            pulled |= gradient.any(dim=1)
-        else:
-            gradient.masked_fill_(held, 0)
-        optimiser.step(gradient, rates * cosine_schedule((done + 1 / steps) / WARM_UP, done))
-        if held is not None:
-            torch.where(held, start, networks.theta, out=networks.theta)
-        if step % AT_ONCE == 0 or step == steps:
+        if first == 0 or first % LOOK_EVERY == EARLY:
+            composite.look(networks, FAR if first == 0 and held is None else REACH)
+            shares = np.clip(composite.owned * len(networks), LEAST_RATE, 1.0)
+        if first % AT_ONCE == 0:
+            batches = composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - first), rng)
+        last = min(first + TOGETHER, steps)
+        done = [max(step / steps, passed) for step in range(first, last)]
+        schedule = [rate * cosine_schedule((d + 1 / steps) / WARM_UP, d) for d in done]
+        some = batches.part(first % AT_ONCE, first % AT_ONCE + len(done))
+        loss, pulled_now = composite.descend(networks, optimiser, some, np.outer(schedule, shares), held)
+        pulled |= pulled_now
+        if last % AT_ONCE == 0 or last == steps:
             if not (math.isfinite(loss) and bool(torch.isfinite(networks.theta).all())):
-                raise EncodeError(f"the joint fit diverged at step {step}; try another --seed")
-            on_step(step, loss)
-        if held is None and step % AT_ONCE == 0:
-            if step > EARLY and len(networks) > 1 and not pulled.all():
-                raise IdleNetworkError(int(pulled.long().argmin()))
-            pulled.zero_()
+                raise EncodeError(f"the joint fit diverged at step {last}; try another --seed")
+            on_step(last, loss)
+        if held is None and last % AT_ONCE == 0:
+            if last > EARLY and len(networks) > 1 and not pulled.all():
+                raise IdleNetworkError(int(pulled.argmin()))
+            pulled[:] = False

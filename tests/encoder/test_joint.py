@@ -13,9 +13,10 @@ import trimesh
 
 from cndhf_codec.cli.sizes import parse_size
 from cndhf_codec.decoder.network import Network
+from cndhf_codec.encoder import composite as composite_module
 from cndhf_codec.encoder import joint, kernel, rounding, settings
 from cndhf_codec.encoder.axisset import AxisCosts
-from cndhf_codec.encoder.composite import REACH, SUSPECTS, Batch, Composite, _runs
+from cndhf_codec.encoder.composite import REACH, SUSPECTS, Composite, _runs
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.gauss_newton import blocks
 from cndhf_codec.encoder.heights import frame_for_axis
@@ -24,7 +25,7 @@ from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
-from cndhf_codec.encoder.samples import FarSpace, draw_samples
+from cndhf_codec.encoder.samples import FarSpace, Samples, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
 from cndhf_codec.encoder.soap import Soap
 from cndhf_codec.encoder.solid import Solid
@@ -120,7 +121,7 @@ def test_the_compiled_loss_has_the_gradient_of_its_terms(samples, far, frames, l
         composite.look(nets, REACH)
         assert composite._near_surface.float().mean() < 0.9
         assert composite._near_space.float().mean() < 0.9
-    (batch,) = composite.draw_batches(1500, 1100, 1, np.random.default_rng(0))
+    batch = composite.draw_batches(1500, 1100, 1, np.random.default_rng(0))
     theta = nets.theta.clone().requires_grad_()
     cost = composite.terms(replace(nets, theta=theta), *composite.rows(batch)).cost
     loss = cost[:1500].mean() + cost[1500:].sum() / 1100
@@ -141,7 +142,9 @@ def test_what_is_left_out_costs_nothing(samples, far, frames, monkeypatch):
         composite.look(nets, reach)
         rng = np.random.default_rng(0)
         batches = composite.draw_batches(2000, 2000, 60, rng)
-        losses.append(np.mean([composite.gradient(nets, batch)[1] for batch in batches]))
+        losses.append(
+            np.mean([composite.gradient(nets, batch)[1] for batch in map(batches.part, range(60), range(1, 61))])
+        )
     assert composite._active < 0.9 * composite.n_space
     assert losses[1] == pytest.approx(losses[0], rel=0.03)
 
@@ -157,13 +160,71 @@ def test_runs_are_uniform():
     assert _runs(7, 7, 10, 3, rng).shape == (3, 0)
 
 
-def test_threads_do_not_change_the_gradient(samples, far, frames):
-    batch = Batch(np.arange(3000), np.arange(3000), 3000)
-    results = []
-    for threads in (1, 2, 3):
-        with Team(threads) as team:
-            results.append(Composite(samples, far, frames, CPU, team).gradient(networks(), batch))
-    assert all(torch.equal(r[0], results[0][0]) and r[1] == results[0][1] for r in results)
+def some_steps(samples: Samples, far: FarSpace, frames: list, threads: int) -> tuple:
+    """Two networks of different widths after twenty steps in threads, with some weights held: theta, loss, pulled."""
+    nets = of_widths(9, 8)
+    held = torch.zeros(nets.theta.shape, dtype=torch.bool)
+    held[0, 100:300] = True
+    with Team(threads) as team:
+        composite = Composite(samples, far, frames, CPU, team)
+        optimiser = Soap(nets)
+        batches = composite.draw_batches(1500, 1100, 21, np.random.default_rng(0))
+        rates = np.full((21, 2), [1e-3, 5e-4])
+        composite.descend(nets, optimiser, batches.part(0, 1), rates[:1], held)
+        assert optimiser.started
+        return nets.theta, *composite.descend(nets, optimiser, batches.part(1, 21), rates[1:], held)
+
+
+def test_threads_do_not_change_the_steps(samples, far, frames):
+    results = [some_steps(samples, far, frames, threads) for threads in (1, 2, 3, 7)]
+    for theta, loss, pulled in results[1:]:
+        assert torch.equal(theta, results[0][0])
+        assert loss == results[0][1]
+        assert pulled.all()
+
+
+def test_steps_together_are_steps_one_by_one(samples, far, frames):
+    together, loss, _ = some_steps(samples, far, frames, 1)
+    nets, composite = of_widths(9, 8), Composite(samples, far, frames, CPU, Team(1))
+    before, optimiser = nets.theta.clone(), Soap(nets)
+    batches = composite.draw_batches(1500, 1100, 21, np.random.default_rng(0))
+    for s in range(21):
+        gradient, one_loss = composite.gradient(nets, batches.part(s, s + 1))
+        gradient[0, 100:300] = 0
+        optimiser.step(gradient, np.array([1e-3, 5e-4]))
+        nets.theta[0, 100:300] = before[0, 100:300]
+    assert loss == pytest.approx(one_loss, rel=1e-4)
+    torch.testing.assert_close(together, nets.theta, rtol=0, atol=1e-5)
+    assert (together - before).abs().max() > 3e-3
+
+
+def test_a_thread_that_fails_does_not_leave_the_others_waiting(samples, far, frames, monkeypatch):
+    real = composite_module.take_steps
+
+    def failing(me: int, *rest: object) -> None:
+        if me == 1:
+            raise MemoryError("no room")
+        real(me, *rest)
+
+    monkeypatch.setattr(composite_module, "take_steps", failing)
+    with pytest.raises(MemoryError, match="no room"):
+        some_steps(samples, far, frames, 2)
+
+
+def test_an_interrupt_does_not_leave_the_others_waiting(samples, far, frames, monkeypatch):
+    real = Team.map
+
+    def interrupted(team: Team, run: object, threads: object) -> object:
+        def part(me: int) -> object:
+            if me == 0:
+                raise KeyboardInterrupt
+            return run(me)
+
+        return real(team, part, threads)
+
+    monkeypatch.setattr(Team, "map", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        some_steps(samples, far, frames, 3)
 
 
 def test_a_team_keeps_the_order_and_passes_errors_on():
@@ -197,7 +258,7 @@ def test_soap_rotates_and_finds_the_minimum():
 
 @pytest.mark.parametrize(("width", "steps"), [(9, 20), (24, 20), (30, 8.2), (60, 4)])
 def test_soap_forgets_sooner_in_wide_networks(width, steps):
-    assert 1 / Soap(networks(width=width))._fade == pytest.approx(steps, abs=0.01)
+    assert 1 / Soap(networks(width=width)).state[1] == pytest.approx(steps, abs=0.01)
 
 
 def test_each_network_steps_at_its_own_rate():
@@ -292,7 +353,7 @@ def test_a_floater_is_hunted_down(composite):
     assert composite._suspects[0] > 1000
     _, off = composite.draw(10, 400, np.random.default_rng(0))
     assert (off >= composite.n_space).sum() == 100
-    _, off = composite.rows(composite.draw_batches(10, 400, 3, np.random.default_rng(0))[2])
+    _, off = composite.rows(composite.draw_batches(10, 400, 3, np.random.default_rng(0)).part(2, 3))
     assert (off >= composite.n_space).sum() == 100
     inverted = nets.copy()
     inverted.theta[:, -2:] = torch.tensor([2.0, -2.0])
@@ -333,7 +394,7 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(composite, samples
     assert losses[-1] < losses[0]
     start = networks()
     fresh = Composite(samples, far, frames, CPU, Team(1))
-    (batch,) = fresh.draw_batches(5000, 5000, 1, np.random.default_rng(1))
+    batch = fresh.draw_batches(5000, 5000, 1, np.random.default_rng(1))
     assert fresh.gradient(nets, batch)[1] < 0.3 * fresh.gradient(start, batch)[1]
     assert torch.equal(nets.theta[held], start.theta[held])
     assert (nets.theta[~held] != start.theta[~held]).float().mean() > 0.99
@@ -501,14 +562,14 @@ def test_of_equal_trials_the_one_with_more_axes_is_chosen(solid, monkeypatch):
 
 
 def test_a_network_that_no_sample_pulls_at_is_idle(composite, monkeypatch):
-    real = Composite.gradient
+    real = Composite.look
 
-    def gradient(self, nets, batch):
-        found, loss = real(self, nets, batch)
-        found[1] = 0
-        return found, loss
+    def look(self, nets, reach):
+        real(self, nets, reach)
+        for near in (self._near_surface, self._in_pool[1]):
+            near[:, 1] = False
 
-    monkeypatch.setattr(Composite, "gradient", gradient)
+    monkeypatch.setattr(Composite, "look", look)
     nets, quiet = networks(), lambda step, loss: None
     with pytest.raises(IdleNetworkError) as found:
         tune(nets, composite, 64, 1000, 1e-3, 0, quiet, Deadline())

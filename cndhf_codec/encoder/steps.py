@@ -1,0 +1,169 @@
+"""Steps of the joint fit, compiled: threads that work on the same step and wait for each other.
+
+A step takes about a millisecond. Handing its parts to threads through the interpreter, and waking them, would take a
+third of that; here every thread runs through all steps, and looks at what the others have reached.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+from .kernel import compiled, composite_gradient, inlined
+from .soap import State, move_matrix
+from .vectors import F32
+
+SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
+APART = 16  # places between two threads' counters: not in one line of a cache
+ALL_DONE = 2**62  # a thread that has failed lets the others go on
+PATIENCE = 500  # times that a thread looks at another's counter before it lets other programs have the processor
+
+Counters = npt.NDArray[np.int64]  # of the meetings that each thread has come to
+
+
+def give_way() -> int:
+    """Address of the system's function by which a thread lets others run."""
+    if sys.platform == "win32":
+        function = ctypes.WinDLL("kernel32").SwitchToThread
+    else:
+        function = ctypes.CDLL(None).sched_yield
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None
+    return address
+
+
+def _counter(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.gep(data, [place])
+
+
+@intrinsic
+def _seen(typing: Any, counters: Any, place: Any) -> Any:
+    """A counter; what its thread wrote before it counted can be read after this."""
+
+    def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
+        return b.load_atomic(_counter(context, b, signature.args[0], *args), "acquire", 8)
+
+    return types.int64(counters, place), generate
+
+
+@intrinsic
+def _show(typing: Any, counters: Any, place: Any, value: Any) -> Any:
+    """Set a counter, when all that was written before can be read."""
+
+    def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
+        b.store_atomic(args[2], _counter(context, b, signature.args[0], *args[:2]), "release", 8)
+        return context.get_dummy_value()
+
+    return types.void(counters, place, value), generate
+
+
+@intrinsic
+def _call(typing: Any, address: Any) -> Any:
+    def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
+        function = ir.FunctionType(ir.IntType(32), []).as_pointer()
+        return b.call(b.inttoptr(args[0], function), [])
+
+    return types.int32(address), generate
+
+
+@inlined
+def _meet(counters: Counters, me: int, threads: int, meeting: int, yielding: int) -> None:
+    """Wait until all threads have come to this meeting."""
+    _show(counters, me * APART, meeting)
+    for other in range(threads):
+        looks = 0
+        while _seen(counters, other * APART) < meeting:
+            looks += 1
+            if looks > PATIENCE:
+                _call(yielding)
+
+
+@compiled
+def take_steps(
+    me: int,
+    threads: int,
+    counters: Counters,
+    yielding: int,
+    theta: F32,
+    shape: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], int, F32],
+    boxes: F32,
+    surface: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32],
+    space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
+    on: npt.NDArray[np.int64],
+    off: npt.NDArray[np.int64],
+    on_scale: np.float32,
+    off_scale: np.float32,
+    optimiser: State,
+    scales: F32,
+    refreshes: npt.NDArray[np.bool_],
+    held: npt.NDArray[np.bool_],
+    gradients: F32,
+    losses: npt.NDArray[np.float64],
+    pulled: npt.NDArray[np.bool_],
+) -> None:
+    """What thread `me` of `threads` does of some steps. All of them are called at once, with the same arrays.
+
+    counters: (threads * APART,) zeros. yielding: what `give_way` returns. shape to space, on_scale, off_scale: as
+    `kernel.composite_gradient` takes them. on, off: (S, B), (S, C), the samples of each of S steps. optimiser: of
+    `Soap`; scales, (S, K), and refreshes, (S,): what it plans. With no rows of these weights stay as they are, and so
+    do those that are held, (K, P).
+
+    Overwrites gradients, (SHARDS, K, P), and losses, (S, SHARDS): the loss of a step is the sum of its row, and where
+    weights stay as they are gradients[0] ends as the gradient. Sets pulled, (K,), for each network with a gradient.
+    """
+    widths, counts, layers, omegas = shape
+    places, fade, grams, bases, first, second = optimiser
+    K, M = places.shape[:2]
+    n_on, n_off = on.shape[1], off.shape[1]
+    for s in range(len(on)):
+        for shard in range(me, SHARDS, threads):
+            losses[s, shard] = composite_gradient(
+                theta,
+                widths,
+                counts,
+                layers,
+                omegas,
+                boxes,
+                surface,
+                space,
+                on[s, n_on * shard // SHARDS : n_on * (shard + 1) // SHARDS],
+                off[s, n_off * shard // SHARDS : n_off * (shard + 1) // SHARDS],
+                on_scale,
+                off_scale,
+                gradients[shard],
+            )
+        _meet(counters, me, threads, 2 * s + 1, yielding)
+        for task in range(me, K * M, threads):
+            k, m = task // M, task % M
+            at, rows, columns = places[k, m]
+            for i in range(at, at + rows * (columns + 1)):
+                total = gradients[0, k, i]
+                for shard in range(1, SHARDS):
+                    total += gradients[shard, k, i]
+                pulled[k] |= total != 0
+                gradients[0, k, i] = 0 if held[k, i] else total
+            if len(scales):
+                move_matrix(
+                    theta,
+                    gradients[0],
+                    held,
+                    k,
+                    m,
+                    places,
+                    fade,
+                    grams,
+                    bases,
+                    first,
+                    second,
+                    scales[s, k],
+                    refreshes[s],
+                )
+        _meet(counters, me, threads, 2 * s + 2, yielding)
