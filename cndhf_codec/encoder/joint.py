@@ -21,7 +21,7 @@ from .composite import Composite
 from .deadline import Deadline
 from .fit import fit_all, one_torch_thread
 from .heights import Frame, height_targets
-from .progress import Stage
+from .progress import OnStep, Stage
 from .rounding import Codes, relative_steps, round_networks, sensitivities, step_codes, weight_steps
 from .samples import FarSpace, draw_samples
 from .settings import Settings
@@ -51,6 +51,7 @@ SHRINK = 0.36  # what the whole fit leaves of a trial's error, less that of the 
 NARROWER = 0.94  # times as much of it for every axis above two: narrow networks have more to learn after a trial
 # The best few are tried again, for longer, where they are about as good.
 FINALISTS, CLOSE, LONGER, LONGER_SHRINK = 3, 1.5, 4, 0.5
+ABREAST = 2  # trials at a time, where there are threads for them: what each does outside its steps takes one thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,28 +125,62 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
         return options[-1]
-    report = job.stage("plan", len(options) + FINALISTS)
     # Most axes first: their errors then often spare a trial with fewer, whose exact height fields leave more than that.
     options.reverse()
-    errors: list[float] = []
-    for k, plan in enumerate(options):
-        error = math.inf
-        if plan.floor < min(errors, default=math.inf):
-            time_left = deadline.part(1 / (len(options) - k + FINALISTS * LONGER))
-            error = _predicted(plan, _trial(job, plan, settings.trial_steps, time_left).error, SHRINK)
-        errors.append(error)
-        report(k + 1, min(errors))
+    report = job.stage("plan", len(options) + FINALISTS)
+    starts: list[Networks | None] = [None] * len(options)
+    reserve = FINALISTS * LONGER
+    errors, trials = _compare(job, options, starts, settings.trial_steps, SHRINK, deadline, reserve, report)
     order = np.argsort(errors, kind="stable")[:FINALISTS]
-    finalists = [options[k] for k in order if errors[k] < CLOSE * errors[order[0]]] or [options[order[0]]]
+    close = [k for k in order if errors[k] < CLOSE * errors[order[0]]] or [order[0]]
+    finalists = [options[k] for k in close]
     if len(finalists) == 1 and (settings.width is not None or max(finalists[0].widths) < OUTLINE):
         return finalists[0]  # a trial could change nothing
-    errors, trials = [], []
-    for k, plan in enumerate(finalists):
-        trials.append(_trial(job, plan, settings.trial_steps * LONGER, deadline.part(1 / (len(finalists) - k))))
-        errors.append(_predicted(plan, trials[k].error, LONGER_SHRINK))
-        report(len(options) + k + 1, min(errors))
+
+    def report_later(done: int, error: float) -> None:
+        report(len(options) + done, error)
+
+    starts = [trials[k].start for k in close]
+    steps = settings.trial_steps * LONGER
+    errors, trials = _compare(job, finalists, starts, steps, LONGER_SHRINK, deadline, 0, report_later)
     best = int(np.argmin(errors))
     return with_shares(finalists[best], trials[best].shares, job)
+
+
+def _compare(
+    job: Job,
+    plans: list[Plan],
+    starts: list[Networks | None],
+    steps: int,
+    shrink: float,
+    deadline: Deadline,
+    reserve: int,
+    report: OnStep,
+) -> tuple[list[float], list[Trial]]:
+    """Predicted error of every plan, and its trial of so many steps, ABREAST side by side. A plan whose exact height
+    fields leave more than a plan before it is spared, and has an infinite error. reserve: as many trials more the
+    deadline shall have time for."""
+    errors: list[float] = []
+    trials: list[Trial] = []
+    abreast = min(ABREAST, job.team.threads)
+    for first in range(0, len(plans), abreast):
+        some = range(first, min(first + abreast, len(plans)))
+        running = [k for k in some if plans[k].floor < min(errors, default=math.inf)]
+        part = deadline.part(len(running) / (len(plans) - first + reserve))
+
+        def run(k: int, running: list[int] = running, part: Deadline = part) -> Trial:
+            if k not in running:
+                return Trial(math.inf, plans[k].shares, None)
+            with Team(job.team.threads // len(running)) as team:
+                return _trial(replace(job, team=team), plans[k], steps, part, starts[k])
+
+        trials += job.team.map(run, some)
+        for k in some:
+            # Threads do not change who is spared.
+            spared = plans[k].floor >= min(errors, default=math.inf)
+            errors.append(math.inf if spared else _predicted(plans[k], trials[k].error, shrink))
+        report(len(errors), min(errors))
+    return errors, trials
 
 
 def with_shares(plan: Plan, shares: list[float], job: Job) -> Plan:
@@ -210,7 +245,12 @@ def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks
 def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Composite, float]:
     """Fit every DHF alone, then all together. Returns networks, samples, and the share of rays through holes. Raises
     IdleNetworkError when the others do without one of them."""
-    solid, team = job.solid, job.team
+    start, unknown = fit_alone(job, plan, deadline.part(ALONE_SHARE))
+    return *fit_together(job, plan, start, deadline), unknown
+
+
+def fit_alone(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, float]:
+    """Networks that are each fitted alone, and the share of rays through holes."""
     settings = job.settings
     of_each = [
         replace(
@@ -221,21 +261,26 @@ def fit_plan(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, Compos
         )
         for w in plan.widths
     ]
-    targets = team.map(lambda f: height_targets(solid, f, settings.target_resolution), plan.frames)
+    targets = job.team.map(lambda f: height_targets(job.solid, f, settings.target_resolution), plan.frames)
     report_all = job.stage("fit", settings.steps * len(targets))
 
     def on_steps(done: int, total: int, loss: float) -> None:
         report_all(done, loss)
 
-    fitted = fit_all(targets, of_each, job.seed, job.device, team, on_steps, deadline.part(ALONE_SHARE))
-    networks = stacked(fitted)
+    networks = stacked(fit_all(targets, of_each, job.seed, job.device, job.team, on_steps, deadline))
     networks = replace(networks, theta=networks.theta.to(job.device))
-    samples = draw_samples(solid, plan.frames, settings.samples, job.seed)
-    far = FarSpace(solid, plan.frames, samples.sides, settings.far_cells)
-    composite = Composite(samples, far, plan.frames, job.device, team)
+    return networks, max(t.unknown for t in targets)
+
+
+def fit_together(job: Job, plan: Plan, start: Networks, deadline: Deadline) -> tuple[Networks, Composite]:
+    """Networks tuned together from that start, and the samples that they were tuned on. Raises IdleNetworkError."""
+    settings, networks = job.settings, start.copy()
+    samples = draw_samples(job.solid, plan.frames, settings.samples, job.seed)
+    far = FarSpace(job.solid, plan.frames, samples.sides, settings.far_cells)
+    composite = Composite(samples, far, plan.frames, job.device, job.team)
     report = job.stage("tune", settings.tune_steps)
     tune(networks, composite, settings.batch, settings.tune_steps, settings.tune_rate, job.seed, report, deadline)
-    return networks, composite, max(t.unknown for t in targets)
+    return networks, composite
 
 
 def round_to_size(
@@ -277,17 +322,18 @@ def round_to_size(
     return best
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """error: Chamfer distance (normalised) after a short fit; infinite when it leaves nothing, or a DHF has nothing to
-    do. shares: of the loss, which each DHF answers for then."""
+    do. shares: of the loss, which each DHF answers for then. start: the networks fitted alone."""
 
     error: float
     shares: list[float]
+    start: Networks | None
 
 
-def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> Trial:
-    failed = Trial(math.inf, plan.shares)
+def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline, start: Networks | None) -> Trial:
+    """start: what an earlier trial of the plan began with."""
     short = replace(
         job.settings,
         steps=job.settings.trial_steps // 3,
@@ -297,8 +343,12 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> Trial:
         target_resolution=256,
     )
     silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731
+    job = replace(job, settings=short, stage=silent)
+    if start is None:
+        start, _ = fit_alone(job, plan, deadline.part(ALONE_SHARE))
+    failed = Trial(math.inf, plan.shares, start)
     try:
-        networks, composite, _ = fit_plan(replace(job, settings=short, stage=silent), plan, deadline)
+        networks, composite = fit_together(job, plan, start, deadline)
     except IdleNetworkError:
         return failed
     records = _records(networks, _finest(networks), plan.frames)
@@ -308,7 +358,7 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline) -> Trial:
         return failed
     truth = job.solid.vertices, job.solid.faces
     distances = surface_distances(*truth, surface.vertices, surface.faces, job.seed, TRIAL_POINTS)
-    return Trial(distances.chamfer, composite.shares(networks))
+    return Trial(distances.chamfer, composite.shares(networks), start)
 
 
 def _bits_for(networks: Networks, logs: npt.NDArray[np.float64], size: float) -> float:

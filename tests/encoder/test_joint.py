@@ -537,11 +537,14 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
     short: list[joint.Plan] = []
     long: list[joint.Plan] = []
 
-    def trial(job, plan, steps, deadline):
+    def trial(job, plan, steps, deadline, start):
+        assert start == (None if steps == SMALL.trial_steps else plan.shares[0])
         tried, errors = (short, (0.2, 0.1)) if steps == SMALL.trial_steps else (long, (0.09, 0.05))
         tried.append(plan)
         # The first set looks bad at once, and the better of those tried for longer is the second.
-        return joint.Trial(plan.floor + errors[min(len(tried) - 1, 1)], [1.0] * (len(plan.frames) - 1) + [0.2])
+        return joint.Trial(
+            plan.floor + errors[min(len(tried) - 1, 1)], [1.0] * (len(plan.frames) - 1) + [0.2], plan.shares[0]
+        )
 
     monkeypatch.setattr(joint, "_trial", trial)
     job = job_of(solid, replace(SMALL, target_size=16384))
@@ -554,8 +557,30 @@ def test_a_longer_trial_decides_between_the_best_sets_of_axes(solid, monkeypatch
     assert plan.widths[-1] < plan.widths[0]
 
 
+def test_threads_do_not_change_which_trials_count(solid, monkeypatch):
+    # The second plan is spared by the first one, though beside it there is a thread for it.
+    floors, tried = [0.01, 0.3, 0.02, 0.25, 0.2], []
+    plans = [joint.Plan([None] * 2, [0.5] * 2, [9] * 2, floor, 1.0, 1.0) for floor in floors]
+
+    def trial(job, plan, steps, deadline, start):
+        tried.append(plan.floor)
+        return joint.Trial(plan.floor + 0.1, plan.shares, None)
+
+    monkeypatch.setattr(joint, "_trial", trial)
+    results = []
+    for threads in (1, 2, 5):
+        tried.clear()
+        with Team(threads) as team:
+            job = replace(job_of(solid, SMALL), team=team)
+            results.append(joint._compare(job, plans, [None] * 5, 10, 1.0, Deadline(), 0, lambda done, error: None))
+        assert sorted(tried) == ([0.01, 0.02] if threads == 1 else [0.01, 0.02, 0.3])
+    errors = results[0][0]
+    assert errors == pytest.approx([0.11, np.inf, 0.12, np.inf, np.inf])
+    assert all(r[0] == errors for r in results)
+
+
 def test_of_equal_trials_the_one_with_more_axes_is_chosen(solid, monkeypatch):
-    monkeypatch.setattr(joint, "_trial", lambda job, plan, steps, deadline: joint.Trial(0.1, plan.shares))
+    monkeypatch.setattr(joint, "_trial", lambda job, plan, steps, deadline, start: joint.Trial(0.1, plan.shares, None))
     monkeypatch.setattr(AxisCosts, "floor", lambda self, chosen: 0.01)
     job = job_of(solid, replace(SMALL, target_size=4096, max_axes=3))
     assert len(joint.make_plan(job, Deadline()).frames) == 3
@@ -588,6 +613,7 @@ def test_an_idle_field_is_left_out_and_the_others_are_wider(solid, frames, monke
         return "networks", "composite", 0.0
 
     monkeypatch.setattr(joint, "fit_plan", fit)
+    monkeypatch.setattr(joint, "fit_together", lambda job, plan, start, deadline: fit(job, plan, deadline))
     job = job_of(solid, replace(SMALL, target_size=4096))
     first = plan_of(job, frames[:2], [0.3, 0.7])
     plan, *rest = joint.fit_needed(job, first, Deadline())
@@ -597,7 +623,9 @@ def test_an_idle_field_is_left_out_and_the_others_are_wider(solid, frames, monke
     assert plan.shares == [0.7]
     assert plan.widths == widths_for(job.settings, [0.7], 30) > [max(first.widths)]
     # A trial says that such a set of axes is not worth its bytes.
-    assert joint._trial(job, first, 10, Deadline()) == joint.Trial(np.inf, first.shares)
+    trial = joint._trial(job, first, 10, Deadline(), networks())
+    assert trial.error == np.inf
+    assert trial.shares == first.shares
 
 
 def test_a_network_that_hardly_matters_is_not_rounded_to_nothing():
