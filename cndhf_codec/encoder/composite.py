@@ -22,7 +22,7 @@ from .hunt import AT_ONCE, Hunt
 from .samples import CLEAR, FarSpace, Samples
 from .siren import Networks, heights
 from .soap import Soap
-from .steps import ALL_DONE, APART, SHARDS, give_way, take_steps
+from .steps import ALL_DONE, APART, SHARDS, take_steps
 from .team import Team
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
@@ -309,7 +309,6 @@ class Composite:
                     me,
                     threads,
                     counters,
-                    give_way(),
                     theta,
                     of_networks,
                     self._boxes.numpy(),

@@ -6,14 +6,13 @@ third of that; here every thread runs through all steps, and looks at what the o
 
 from __future__ import annotations
 
-import ctypes
 import sys
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from .kernel import compiled, composite_gradient, inlined
@@ -23,20 +22,10 @@ from .vectors import F32
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 APART = 16  # places between two threads' counters: not in one line of a cache
 ALL_DONE = 2**62  # a thread that has failed lets the others go on
+GIVE_WAY = "SwitchToThread" if sys.platform == "win32" else "sched_yield"  # the system's function
 PATIENCE = 500  # times that a thread looks at another's counter before it lets other programs have the processor
 
 Counters = npt.NDArray[np.int64]  # of the meetings that each thread has come to
-
-
-def give_way() -> int:
-    """Address of the system's function by which a thread lets others run."""
-    if sys.platform == "win32":
-        function = ctypes.WinDLL("kernel32").SwitchToThread
-    else:
-        function = ctypes.CDLL(None).sched_yield
-    address = ctypes.cast(function, ctypes.c_void_p).value
-    assert address is not None
-    return address
 
 
 def _counter(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
@@ -66,16 +55,18 @@ def _show(typing: Any, counters: Any, place: Any, value: Any) -> Any:
 
 
 @intrinsic
-def _call(typing: Any, address: Any) -> Any:
-    def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
-        function = ir.FunctionType(ir.IntType(32), []).as_pointer()
-        return b.call(b.inttoptr(args[0], function), [])
+def _give_way(typing: Any) -> Any:
+    """Let other programs have the processor."""
 
-    return types.int32(address), generate
+    def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [])
+        return b.call(cgutils.get_or_insert_function(b.module, kind, GIVE_WAY), [])
+
+    return types.int32(), generate
 
 
 @inlined
-def _meet(counters: Counters, me: int, threads: int, meeting: int, yielding: int) -> None:
+def _meet(counters: Counters, me: int, threads: int, meeting: int) -> None:
     """Wait until all threads have come to this meeting."""
     _show(counters, me * APART, meeting)
     for other in range(threads):
@@ -83,7 +74,7 @@ def _meet(counters: Counters, me: int, threads: int, meeting: int, yielding: int
         while _seen(counters, other * APART) < meeting:
             looks += 1
             if looks > PATIENCE:
-                _call(yielding)
+                _give_way()
 
 
 @compiled
@@ -91,7 +82,6 @@ def take_steps(
     me: int,
     threads: int,
     counters: Counters,
-    yielding: int,
     theta: F32,
     shape: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], int, F32],
     boxes: F32,
@@ -111,7 +101,7 @@ def take_steps(
 ) -> None:
     """What thread `me` of `threads` does of some steps. All of them are called at once, with the same arrays.
 
-    counters: (threads * APART,) zeros. yielding: what `give_way` returns. shape to space, on_scale, off_scale: as
+    counters: (threads * APART,) zeros.  shape to space, on_scale, off_scale: as
     `kernel.composite_gradient` takes them. on, off: (S, B), (S, C), the samples of each of S steps. optimiser: of
     `Soap`; scales, (S, K), and refreshes, (S,): what it plans. With no rows of these weights stay as they are, and so
     do those that are held, (K, P).
@@ -140,7 +130,7 @@ def take_steps(
                 off_scale,
                 gradients[shard],
             )
-        _meet(counters, me, threads, 2 * s + 1, yielding)
+        _meet(counters, me, threads, 2 * s + 1)
         for task in range(me, K * M, threads):
             k, m = task // M, task % M
             at, rows, columns = places[k, m]
@@ -166,4 +156,4 @@ def take_steps(
                     scales[s, k],
                     refreshes[s],
                 )
-        _meet(counters, me, threads, 2 * s + 2, yielding)
+        _meet(counters, me, threads, 2 * s + 2)
