@@ -175,6 +175,36 @@ def _first_bases(gradient: F32, places: Places, fade: F32, grams: F32, bases: F3
 
 
 @inlined
+def _refresh(grams: F32, bases: F32, squares: F32, half: F32, whole: F32) -> None:
+    """Bring both eigenbases of a matrix nearer to their grams'; its second moments go along. Overwrites half and
+    whole."""
+    for side in range(2):
+        n = squares.shape[side]
+        gram, basis = grams[side, :n, :n], bases[side, :n, :n]
+        # Largest eigenvalue first, or the iteration would not converge.
+        _product(gram, bases[side], half, n)
+        values, order = np.zeros(n, np.float32), np.arange(n)
+        for c in range(n):
+            for i in range(n):
+                values[c] += basis[i, c] * half[i, c]
+            place = c
+            while place > 0 and values[order[place - 1]] < values[c]:
+                order[place] = order[place - 1]
+                place -= 1
+            order[place] = c
+        for of in range(2):
+            ordered = basis if of == 0 else squares
+            by_row = of == 1 and side == 0
+            for i in range(ordered.shape[0]):
+                for j in range(ordered.shape[1]):
+                    whole[i, j] = ordered[order[i], j] if by_row else ordered[i, order[j]]
+            for i in range(ordered.shape[0]):
+                for j in range(ordered.shape[1]):
+                    ordered[i, j] = whole[i, j]
+        _iterate(gram, basis)
+
+
+@inlined
 def move_matrix(
     theta: F32,
     gradient: F32,
@@ -194,49 +224,34 @@ def move_matrix(
     gradient. Brings the moments, in the eigenbasis, and the grams up to date, and then the bases where they are to be
     refreshed."""
     work = np.empty((4, *grams.shape[-2:]), np.float32)
-    g, half, whole, back = work[0], work[1], work[2], work[3]
+    g, half, whole, other = work[0], work[1], work[2], work[3]
     at, rows, columns = places[k, m]
     left, right, row = bases[k, m, 0], bases[k, m, 1], gradient[k]
-    _load(row, at, rows, columns, g)
-    _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
-    _product(left[:rows, :rows].T, g, half, columns)
-    _product(half[:rows, :columns], right, whole, columns)
-    _store(whole, row, at, rows, columns)
-    for i in range(at, at + rows * (columns + 1)):
-        first[k, i] += fade[k] * (row[i] - first[k, i])
-        second[k, i] += fade[k] * (row[i] * row[i] - second[k, i])
-        row[i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
-    _flip(right, back)
-    _load(row, at, rows, columns, g)
-    _product(left[:rows, :rows], g, half, columns)
-    _product(half[:rows, :columns], back, whole, columns)
-    _store(whole, row, at, rows, columns)
-    for i in range(at, at + rows * (columns + 1)):
-        if not held[k, i]:
-            theta[k, i] -= row[i]
-    if not refresh:
-        return
-    _load(first[k], at, rows, columns, g)
-    _product(left[:rows, :rows], g, half, columns)
-    _product(half[:rows, :columns], back, whole, columns)
-    squares = second[k, at : at + rows * columns].reshape(rows, columns)
-    for side in range(2):
-        n = rows if side == 0 else columns
-        gram, basis = grams[k, m, side, :n, :n], bases[k, m, side, :n, :n]
-        # Largest eigenvalue first, or the iteration would not converge.
-        values = np.empty(n, np.float32)
-        _product(gram, bases[k, m, side], half, n)
-        for c in range(n):
-            values[c] = 0
-            for i in range(n):
-                values[c] -= basis[i, c] * half[i, c]
-        order = np.argsort(values, kind="mergesort")
-        basis[:] = basis.copy()[:, order]
-        squares[:] = squares.copy()[order] if side == 0 else squares.copy()[:, order]
-        _iterate(gram, basis)
-    _product(left[:rows, :rows].T, whole, half, columns)
-    _product(half[:rows, :columns], right, g, columns)
-    _store(g, first[k], at, rows, columns)
+    # The gradient into the eigenbasis, the move out of it; the first moment out of it and into the new one. A loop, for
+    # what is inlined twice takes twice as long to compile.
+    for turn in range(4 if refresh else 2):
+        source, into = row if turn < 2 else first[k], turn % 3 == 0
+        _load(source, at, rows, columns, g)
+        if turn == 0:
+            _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
+        if turn == 3:
+            _refresh(grams[k, m], bases[k, m], second[k, at : at + rows * columns].reshape(rows, columns), half, whole)
+        if into:
+            _load(right.ravel(), 0, *right.shape, other)
+        else:
+            _flip(right, other)
+        _product(left[:rows, :rows].T if into else left[:rows, :rows], g, half, columns)
+        _product(half[:rows, :columns], other, whole, columns)
+        _store(whole, source, at, rows, columns)
+        if turn == 0:
+            for i in range(at, at + rows * (columns + 1)):
+                first[k, i] += fade[k] * (row[i] - first[k, i])
+                second[k, i] += fade[k] * (row[i] * row[i] - second[k, i])
+                row[i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
+        if turn == 1:
+            for i in range(at, at + rows * (columns + 1)):
+                if not held[k, i]:
+                    theta[k, i] -= row[i]
 
 
 @compiled
