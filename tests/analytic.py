@@ -84,5 +84,23 @@ def ring() -> Model:
     return model(record)
 
 
+def ridges(quaternion: tuple[int, int, int, int] = NO_TURN) -> Model:
+    """far = 0.3 sin(30 u), about, over a plate: its walls are nine times as high as wide."""
+    one = 2**9
+    # Layer 1 is a tenth of layer 0: sine is about the identity.
+    symbols = ([[one, 0]], [0], [[round(0.05 * one)]], [0], [[0], [3 * one]], [round(-0.45 * one), 0])
+    record = DhfRecord(
+        quaternion=quaternion,
+        box=tuple(round(b * 2**14) for b in (-0.5, 0.5, -0.4, 0.4, -0.6, 0.6)),
+        width=1,
+        hidden_layers=1,
+        omega_first=30,
+        omega_hidden=2,
+        step_codes=(36,) * 6,
+        symbols=tuple(np.array(s, np.int32) for s in symbols),
+    )
+    return model(record)
+
+
 def wavy() -> Model:
     return model(waves(7), waves(8, ABOUT_Y_90))

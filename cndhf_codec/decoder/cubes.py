@@ -10,6 +10,7 @@ there, so no edge of the surface has more than two triangles.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -41,19 +42,32 @@ SHIFTS = (BRICK * BRICK, BRICK, 1)
 LAST = [sum(1 << i for i, node in enumerate(LOCAL) if node[axis] == BRICK - 1) for axis in range(3)]
 
 
-def surface_edges(band: Band) -> tuple[I32, I32, I64]:
-    """Where the surface crosses the grid, and how the crossings join.
+@dataclass(frozen=True)
+class Edges:
+    """The edges of the grid that the surface crosses.
 
-    Returns the nodes (N, 2) at both ends of the grid's edges that it crosses, as 64 * row + node with node 0 to 63 of
-    the band's brick in that row; the axes (N,) of those edges; and triangles (M, 3) of their numbers, seen
-    anticlockwise from outside.
+    ends: (N, 2) nodes at both ends, as 64 * row + node with node 0 to 63 of the band's brick in that row. axis: (N,)
     """
-    # The bricks at a brick's eight corners (0, 0, 0), (0, 0, 1), ...: those that hold the nodes just above it.
-    # Bricks last: numpy is fast along long last dimensions.
-    row = np.arange(INSIDE + 1, len(band.values), dtype=np.int32)
-    steps = np.array(CORNERS, dtype=np.int32).T * BRICK
-    beside = band.rows(np.ascontiguousarray(band.corners[row].T)[:, None] + steps[..., None])
 
+    ends: I32
+    axis: I32
+    _row: I32  # (n,) bricks with an edge or a corner of a cell that is crossed
+    _beside: I32  # (n, 8) the bricks at their corners
+    _corner: npt.NDArray[np.uint64]  # (8, n) whether each corner of the cells at their nodes is inside
+    _mixed: npt.NDArray[np.uint64]  # (n,) whether those cells have corners of both kinds
+    _at: npt.NDArray[np.int64]  # (N,) 192 * number in _row + 64 * axis + node of the edge's lower end
+
+
+def bricks_beside(band: Band) -> I32:
+    """(8, n) rows of the bricks at the corners (0, 0, 0), (0, 0, 1), ... of all with values of their own: those that
+    hold the nodes just above them."""
+    # Bricks last: numpy is fast along long last dimensions.
+    steps = np.array(CORNERS, dtype=np.int32).T * BRICK
+    return band.rows(np.ascontiguousarray(band.corners[INSIDE + 1 :].T)[:, None] + steps[..., None])
+
+
+def crossed_edges(band: Band, beside: I32) -> Edges:
+    """Where the surface crosses the grid. beside: what `bricks_beside` gives."""
     inside = np.packbits(band.values >= 0, axis=1, bitorder="little").view("<u8")[:, 0].astype(np.uint64)
     corner = inside[beside]
     for shift, last, stride in zip(SHIFTS, LAST, STRIDES, strict=True):
@@ -63,19 +77,34 @@ def surface_edges(band: Band) -> tuple[I32, I32, I64]:
     # Now a node's bit in corner[c] says whether corner c of the cell at that node is inside.
     mixed = np.bitwise_or.reduce(corner) & ~np.bitwise_and.reduce(corner)
     some = np.flatnonzero(mixed)
-    row, beside, corner = row[some], np.ascontiguousarray(beside.T[some]), corner[:, some]
+    row, beside, corner = (some + INSIDE + 1).astype(np.int32), np.ascontiguousarray(beside.T[some]), corner[:, some]
 
-    crossed = np.stack([corner[0] ^ corner[stride] for stride in STRIDES], axis=1)
-    at = np.flatnonzero(_bits(crossed))
-    number = np.empty(crossed.size * len(LOCAL), dtype=np.int32)
-    number[at] = np.arange(len(at))
+    at = np.flatnonzero(_bits(np.stack([corner[0] ^ corner[stride] for stride in STRIDES], axis=1)))
     brick, edge = np.divmod(at.astype(np.int32), len(FAR_END))
-    place = np.zeros(len(band.values), dtype=np.int32)  # of a brick's first number
-    place[row] = np.arange(0, len(number), len(FAR_END))
-    place = place[beside].ravel()
+    ends = np.empty((len(edge), 2), dtype=np.int32)
 
-    at = np.flatnonzero(_bits(mixed[some]))
-    case = np.zeros(len(some) * len(LOCAL), dtype=np.uint8)
+    def find_ends(first: int, last: int) -> None:
+        far, home = FAR_END[edge[first:last]], brick[first:last]
+        ends[first:last, 0] = row[home] * len(LOCAL) + edge[first:last] % len(LOCAL)
+        ends[first:last, 1] = beside[home, WHOSE[far]] * len(LOCAL) + NUMBER[far]
+
+    over_rows(find_ends, len(edge), CELLS_AT_ONCE)
+    return Edges(ends, edge // len(LOCAL), row, beside, corner, mixed[some], at)
+
+
+def faces_between(edges: Edges) -> I64:
+    """How the crossings join: triangles (M, 3) of numbers of edges, seen anticlockwise from outside."""
+    row, corner = edges._row, edges._corner
+    number = np.empty(len(row) * len(FAR_END), dtype=np.int32)
+    number[edges._at] = np.arange(len(edges._at))
+    place = np.zeros(
+        int(edges._beside.max(initial=row.max(initial=0))) + 1, dtype=np.int32
+    )  # of a brick's first number
+    place[row] = np.arange(0, len(number), len(FAR_END))
+    place = place[edges._beside].ravel()
+
+    at = np.flatnonzero(_bits(edges._mixed))
+    case = np.zeros(len(row) * len(LOCAL), dtype=np.uint8)
     for k in range(8):
         case |= _bits(corner[k]).view(np.uint8) << k
     case = case[at]
@@ -85,7 +114,6 @@ def surface_edges(band: Band) -> tuple[I32, I32, I64]:
     np.cumsum(count, out=first_face[1:])
     start -= first_face[:-1]  # plus the number of a face: its row in the table
     faces = np.empty((first_face[-1], 3), dtype=np.int64)
-    ends = np.empty((len(edge), 2), dtype=np.int32)
 
     def find_faces(first: int, last: int) -> None:
         these = slice(first_face[first], first_face[last])
@@ -104,14 +132,8 @@ def surface_edges(band: Band) -> tuple[I32, I32, I64]:
         for k, numbers in enumerate(at_edge):  # numpy is slow along rows of three
             faces[these, k] = number.take(numbers)
 
-    def find_ends(first: int, last: int) -> None:
-        far, home = FAR_END[edge[first:last]], brick[first:last]
-        ends[first:last, 0] = row[home] * len(LOCAL) + edge[first:last] % len(LOCAL)
-        ends[first:last, 1] = beside[home, WHOSE[far]] * len(LOCAL) + NUMBER[far]
-
     over_rows(find_faces, len(at), CELLS_AT_ONCE)
-    over_rows(find_ends, len(edge), CELLS_AT_ONCE)
-    return ends, edge // len(LOCAL), faces
+    return faces
 
 
 def _bits(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.bool_]:

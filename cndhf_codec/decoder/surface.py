@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from ..errors import SurfaceError
 from .band import LOCAL, Band, Grid, narrow_band
-from .cubes import surface_edges
+from .cubes import bricks_beside, crossed_edges, faces_between
 from .dhf import Dhf, implicit, implicit_gradient
 from .limits import Limits
 from .network import F32
 from .parallel import over_rows
 from .table import HeightTable
+from .walls import set_walls_right
 
 CLOSEST = 1e-3  # no vertex comes closer to a node than this (spacings)
 CLOSE_ENOUGH = 0.05  # a vertex with |f| below this (spacings) takes one last step
@@ -57,11 +58,15 @@ def marching_cubes(
     """
     grid, tables = made
     band = narrow_band(grid, dhfs, tables)
-    ends, axis, faces = surface_edges(band)
-    limits.count("vertices", len(ends))
-    if not len(faces):
+    beside = bricks_beside(band)
+    edges = crossed_edges(band, beside)
+    if set_walls_right(band, dhfs, edges.ends):
+        edges = crossed_edges(band, beside)
+    limits.count("vertices", len(edges.ends))
+    if not len(edges.ends):
         raise SurfaceError("the solid is empty or thinner than a voxel; raise the resolution")
-    vertices, found = _crossings(band, dhfs, ends, axis)
+    faces = faces_between(edges)
+    vertices, found = _crossings(band, dhfs, edges.ends, edges.axis)
     missed = np.flatnonzero(~found)
     vertices[missed] = _settled(dhfs, vertices[missed].astype(np.float32), grid.spacing)
     return vertices, faces

@@ -237,7 +237,7 @@ def move_matrix(
         if turn == 3:
             _refresh(grams[k, m], bases[k, m], second[k, at : at + rows * columns].reshape(rows, columns), half, whole)
         if into:
-            _load(right.ravel(), 0, *right.shape, other)
+            _load(right.ravel(), 0, right.shape[0], right.shape[1], other)
         else:
             _flip(right, other)
         _product(left[:rows, :rows].T if into else left[:rows, :rows], g, half, columns)

@@ -8,13 +8,13 @@ import analytic
 import numpy as np
 import pytest
 import trimesh
-from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, waves, wavy
+from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ridges, ring, slab, waves, wavy
 from scipy.spatial import cKDTree
 from skimage import measure
 
 from cndhf_codec import load
 from cndhf_codec.decoder import band, surface
-from cndhf_codec.decoder.cubes import surface_edges
+from cndhf_codec.decoder.cubes import bricks_beside, crossed_edges, faces_between
 from cndhf_codec.errors import OptionError, SurfaceError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
@@ -170,7 +170,8 @@ def test_any_signs_give_a_closed_surface():
     corners = np.concatenate([np.zeros((2, 3)), corners]).astype(np.int32)
     nobody = np.full(values.shape, band.NOBODY, dtype=np.uint8)
     noise = band.Band(band.Grid(np.zeros(3), 1.0, (n, n, n)), corners, values, nobody, blocks, bricks.astype(np.int32))
-    ends, axis, faces = surface_edges(noise)
+    edges = crossed_edges(noise, bricks_beside(noise))
+    ends, axis, faces = edges.ends, edges.axis, faces_between(edges)
     assert len(np.unique(ends[:, 0].astype(np.int64) * 3 + axis)) == len(ends)
     signs = values.ravel()[ends]
     assert np.all(signs[:, 0] * signs[:, 1] < 0)
@@ -198,6 +199,17 @@ def test_vertices_lie_on_the_surface():
     shift = 0.5 * spacing * mesh.vertex_normals
     assert m.contains(mesh.vertices - shift).mean() > 0.98
     assert m.contains(mesh.vertices + shift).mean() < 0.02
+
+
+@pytest.mark.parametrize("quaternion", [analytic.NO_TURN, ABOUT_Z_45, (9000, -14000, 20000, 20000)])
+def test_vertices_lie_on_steep_walls(quaternion):
+    m = ridges(quaternion)
+    mesh = m.to_mesh(50)
+    check_closed(mesh)
+    # Within a ninth of a spacing of nearly every vertex there are points inside and points outside.
+    around = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3) / 50 / 16
+    inside = m.contains(mesh.vertices[:, None] + around)
+    assert (inside.any(axis=1) & ~inside.all(axis=1)).mean() > 0.99
 
 
 def test_finer_grids_converge_to_one_volume():
