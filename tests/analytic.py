@@ -85,19 +85,24 @@ def ring() -> Model:
 
 
 def ridges(quaternion: tuple[int, int, int, int] = NO_TURN) -> Model:
-    """far = 0.3 sin(30 u), about, over a plate: its walls are nine times as high as wide."""
-    one = 2**9
-    # Layer 1 is a tenth of layer 0: sine is about the identity.
-    symbols = ([[one, 0]], [0], [[round(0.05 * one)]], [0], [[0], [3 * one]], [round(-0.45 * one), 0])
+    """A plate with walls: far is about the sum of sin(30 k u) / k for k = 1, 3, 5, 7, times 0.6."""
+    one, odd = 2**11, np.array([1, 3, 5, 7])
+    w0 = np.stack([odd * one, 0 * odd], axis=1)
+    # Layer 1 is small enough for sine to be the identity.
+    w1 = np.zeros((4, 4))
+    w1[0] = 0.05 * one / odd
+    w2 = np.zeros((2, 4))
+    w2[1, 0] = 6 * one
+    none = np.zeros(4)
     record = DhfRecord(
         quaternion=quaternion,
-        box=tuple(round(b * 2**14) for b in (-0.5, 0.5, -0.4, 0.4, -0.6, 0.6)),
-        width=1,
+        box=tuple(round(b * 2**14) for b in (-0.5, 0.5, -0.4, 0.4, -0.9, 0.9)),
+        width=4,
         hidden_layers=1,
         omega_first=30,
         omega_hidden=2,
-        step_codes=(36,) * 6,
-        symbols=tuple(np.array(s, np.int32) for s in symbols),
+        step_codes=(44,) * 6,  # steps of 2^-11
+        symbols=tuple(np.rint(s).astype(np.int32) for s in (w0, none, w1, none, w2, [-0.45 * one, 0])),
     )
     return model(record)
 
