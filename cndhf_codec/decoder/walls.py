@@ -17,6 +17,8 @@ from .dhf import Dhf
 STEEP = 3.0  # f differs by more between neighbouring nodes, in spacings: heights rise by more than 70 degrees
 AROUND = np.indices((3, 3, 3)).reshape(3, 27) - 1
 SURE = len(LOCAL) * (INSIDE + 1)  # nodes below this are of bricks without surface
+FIELDS = NOBODY + 1  # a question is FIELDS * node + DHF
+AT_ONCE = 2**15  # questions; memory
 
 I64 = npt.NDArray[np.int64]
 
@@ -26,22 +28,32 @@ def set_walls_right(band: Band, dhfs: Sequence[Dhf], ends: I32) -> bool:
 
     Returns whether any node has changed sides.
     """
-    values, holders = band.values.reshape(-1), band.holders.reshape(-1)
-    of_ends = values.take(ends.T)
-    steep = ends[np.abs(of_ends[0] - of_ends[1]) > STEEP]
-    nodes, which = np.unique(steep, return_inverse=True)
+    values = band.values.reshape(-1).take(ends.T)
+    steep = ends[np.abs(values[0] - values[1]) > STEEP].astype(np.int64)
     # What holds one end may hold the other, too.
-    ask = np.zeros((len(nodes), len(dhfs)), dtype=bool)
-    held = holders.take(steep)
-    for end, holder in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        some = held[:, holder] != NOBODY
-        ask[which.reshape(-1, 2)[some, end], held[some, holder]] = True
-    places = _places(band, nodes)
-    free = (nodes >= SURE) & ((places > 0) & (places < np.array(band.grid.shape)[:, None] - 1)).all(axis=0)
-    nodes, ask, places = nodes[free], ask[free], places[:, free]
-    if not len(nodes):
-        return False
+    holders = band.holders.reshape(-1).take(steep)
+    questions = np.unique(FIELDS * steep[:, :, None] + holders[:, None, :])
+    node, field = np.divmod(questions, FIELDS)
+    places = _places(band, node)
+    inner = ((places > 0) & (places < np.array(band.grid.shape)[:, None] - 1)).all(axis=0)
+    keep = inner & (node >= SURE) & (field != NOBODY)
+    node, field = node[keep], field[keep]
+    first, turned = 0, False
+    while first < len(node):
+        # All that is asked about a node is asked at once.
+        last = int(np.searchsorted(node, node[min(first + AT_ONCE, len(node)) - 1], side="right"))
+        turned |= _ask(band, dhfs, node[first:last], field[first:last])
+        first = last
+    return turned
 
+
+def _ask(band: Band, dhfs: Sequence[Dhf], node: I64, field: I64) -> bool:
+    """Set nodes, sorted, to the least f of the DHFs that their rows name; whether any of them changes sides."""
+    values, holders = band.values.reshape(-1), band.holders.reshape(-1)
+    nodes, which = np.unique(node, return_inverse=True)
+    ask = np.zeros((len(nodes), len(dhfs)), dtype=bool)
+    ask[which, field] = True
+    places = _places(band, nodes)
     points = (band.grid.origin + band.grid.spacing * places.T).astype(np.float32)
     f = np.full(ask.shape, np.inf, dtype=np.float32)
     was = values[nodes]

@@ -101,7 +101,7 @@ def take_steps(
 ) -> None:
     """What thread `me` of `threads` does of some steps. All of them are called at once, with the same arrays.
 
-    counters: (threads * APART,) zeros.  shape to space, on_scale, off_scale: as
+    counters: (threads * APART,) zeros. shape to space, on_scale, off_scale: as
     `kernel.composite_gradient` takes them. on, off: (S, B), (S, C), the samples of each of S steps. optimiser: of
     `Soap`; scales, (S, K), and refreshes, (S,): what it plans. With no rows of these weights stay as they are, and so
     do those that are held, (K, P).
@@ -138,7 +138,8 @@ def take_steps(
                 total = gradients[0, k, i]
                 for shard in range(1, SHARDS):
                     total += gradients[shard, k, i]
-                pulled[k] |= total != 0
+                if total != 0:  # threads only ever set it
+                    pulled[k] = True
                 gradients[0, k, i] = 0 if held[k, i] else total
             if len(scales):
                 move_matrix(
