@@ -60,9 +60,9 @@ def marching_cubes(
     band = narrow_band(grid, dhfs, tables)
     beside = bricks_beside(band)
     edges = crossed_edges(band, beside)
-    limits.count("vertices", len(edges.ends))
     if set_walls_right(band, dhfs, edges.ends):
         edges = crossed_edges(band, beside)
+    limits.count("vertices", len(edges.ends))
     if not len(edges.ends):
         raise SurfaceError("the solid is empty or thinner than a voxel; raise the resolution")
     faces = faces_between(edges)
