@@ -99,10 +99,15 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     band = Band(grid, corners, values, holders, blocks, bricks)
     _fill(band, least, dhfs, tables)
     _close(band)
-    np.maximum(values, -MOST, out=values)
+    keep_between(values)
+    return band
+
+
+def keep_between(values: F32) -> None:
+    """Keep values of f, in spacings, between LEAST and MOST, in place."""
+    np.clip(values, -MOST, MOST, out=values)
     small = np.abs(values) < LEAST
     values[small] = np.where(values[small] >= 0, LEAST, -LEAST)
-    return band
 
 
 def _sift(

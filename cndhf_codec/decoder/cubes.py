@@ -92,14 +92,12 @@ def crossed_edges(band: Band, beside: I32) -> Edges:
     return Edges(ends, edge // len(LOCAL), row, beside, corner, mixed[some], at)
 
 
-def faces_between(edges: Edges) -> I64:
+def faces_between(band: Band, edges: Edges) -> I64:
     """How the crossings join: triangles (M, 3) of numbers of edges, seen anticlockwise from outside."""
     row, corner = edges._row, edges._corner
     number = np.empty(len(row) * len(FAR_END), dtype=np.int32)
     number[edges._at] = np.arange(len(edges._at))
-    place = np.zeros(
-        int(edges._beside.max(initial=row.max(initial=0))) + 1, dtype=np.int32
-    )  # of a brick's first number
+    place = np.zeros(len(band.values), dtype=np.int32)  # of a brick's first number
     place[row] = np.arange(0, len(number), len(FAR_END))
     place = place[edges._beside].ravel()
 

@@ -65,7 +65,7 @@ def marching_cubes(
     limits.count("vertices", len(edges.ends))
     if not len(edges.ends):
         raise SurfaceError("the solid is empty or thinner than a voxel; raise the resolution")
-    faces = faces_between(edges)
+    faces = faces_between(band, edges)
     vertices, found = _crossings(band, dhfs, edges.ends, edges.axis)
     missed = np.flatnonzero(~found)
     vertices[missed] = _settled(dhfs, vertices[missed].astype(np.float32), grid.spacing)

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from .band import BRICK, I32, INSIDE, LEAST, LOCAL, MOST, NOBODY, Band
+from .band import BRICK, I32, INSIDE, LOCAL, NOBODY, Band, keep_between
+from .cubes import I64, SHIFTS
 from .dhf import Dhf
 
 STEEP = 3.0  # f differs by more between neighbouring nodes, in spacings: heights rise by more than 70 degrees
@@ -19,8 +20,6 @@ AROUND = np.indices((3, 3, 3)).reshape(3, 27) - 1
 SURE = len(LOCAL) * (INSIDE + 1)  # nodes below this are of bricks without surface
 FIELDS = NOBODY + 1  # a question is FIELDS * node + DHF
 AT_ONCE = 2**15  # questions; memory
-
-I64 = npt.NDArray[np.int64]
 
 
 def set_walls_right(band: Band, dhfs: Sequence[Dhf], ends: I32) -> bool:
@@ -34,9 +33,7 @@ def set_walls_right(band: Band, dhfs: Sequence[Dhf], ends: I32) -> bool:
     holders = band.holders.reshape(-1).take(steep)
     questions = np.unique(FIELDS * steep[:, :, None] + holders[:, None, :])
     node, field = np.divmod(questions, FIELDS)
-    places = _places(band, node)
-    inner = ((places > 0) & (places < np.array(band.grid.shape)[:, None] - 1)).all(axis=0)
-    keep = inner & (node >= SURE) & (field != NOBODY)
+    keep = (node >= SURE) & (field != NOBODY)
     node, field = node[keep], field[keep]
     first, turned = 0, False
     while first < len(node):
@@ -63,14 +60,15 @@ def _ask(band: Band, dhfs: Sequence[Dhf], node: I64, field: I64) -> bool:
             rows = np.flatnonzero(ask[:, k])
             f[rows, k] = dhf.implicit(points[rows]) / np.float32(band.grid.spacing)
         ask = ~ask & ((was < 0) & (f.min(axis=1) >= 0))[:, None]
-    now = np.clip(f.min(axis=1), -MOST, MOST)
-    now = np.where(now >= 0, np.maximum(now, LEAST), np.minimum(now, -LEAST))
+    now = f.min(axis=1)
+    keep_between(now)
 
-    # Beside a brick without surface nodes stay as they are: the surface could not go on there.
-    turned = np.flatnonzero((now >= 0) != (was >= 0))
+    # At the grid's border, and beside a brick without surface, nodes stay: the surface could not go on there.
+    inner = (places > 0) & (places < np.array(band.grid.shape)[:, None] - 1)
+    right: npt.NDArray[np.bool_] = np.all(inner, axis=0)
+    turned = np.flatnonzero(right & ((now >= 0) != (was >= 0)))
     around = _nodes_at(band, places[:, turned, None] + AROUND[:, None])
     stopped = ((around < SURE) & ((values[around] >= 0) != (now[turned] >= 0)[:, None])).any(axis=1)
-    right = np.ones(len(nodes), dtype=bool)
     right[turned[stopped]] = False
     values[nodes[right]] = now[right]
     holders[nodes[right]] = f.argmin(axis=1)[right]
@@ -86,5 +84,5 @@ def _places(band: Band, nodes: npt.NDArray[np.integer]) -> I32:
 def _nodes_at(band: Band, places: npt.NDArray[np.integer]) -> I64:
     """The nodes at places (3, ...) in the grid."""
     corners = (places - places % BRICK).astype(np.int32)
-    local = np.tensordot(np.array([BRICK * BRICK, BRICK, 1]), places % BRICK, 1)
+    local = np.tensordot(SHIFTS, places % BRICK, 1)
     return band.rows(corners).astype(np.int64) * len(LOCAL) + local

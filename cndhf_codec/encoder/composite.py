@@ -22,7 +22,7 @@ from .hunt import AT_ONCE, Hunt
 from .samples import CLEAR, FarSpace, Samples
 from .siren import Networks, heights
 from .soap import Soap
-from .steps import ALL_DONE, APART, SHARDS, take_steps
+from .steps import APART, SHARDS, not_waited_for, take_steps
 from .team import Team
 
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
@@ -304,7 +304,7 @@ class Composite:
         counters = np.zeros(threads * APART, np.int64)
 
         def run(me: int) -> None:
-            try:
+            with not_waited_for(counters):
                 take_steps(
                     me,
                     threads,
@@ -326,15 +326,9 @@ class Composite:
                     losses,
                     pulled,
                 )
-            except BaseException:
-                counters[:] = ALL_DONE
-                raise
 
-        try:
+        with not_waited_for(counters):  # this thread may be interrupted before it runs
             self._team.map(run, range(threads))
-        except BaseException:  # an interrupt before this thread ran: the others must not wait for it
-            counters[:] = ALL_DONE
-            raise
         return gradients[0], losses.sum(axis=1).tolist(), pulled
 
     def terms(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> Terms:

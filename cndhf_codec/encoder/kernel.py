@@ -19,6 +19,14 @@ from .vectors import F32, LANES, add_outer, set_product, sine_and_cosine, sine_i
 TILE = 512  # points evaluated at once: what a network computes for them stays in the cache
 FAR = np.float32(1e3)  # stands for "no such double height field"
 
+# Of K networks: widths (K,), numbers of weights (K,), sine layers, omegas (K,).
+Shape = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], int, F32]
+# Of N samples of the surface: points (K, N, 3), near (N, K), seen (N, K), cosine (N, K). Networks that are not near a
+# sample have no say in what it costs.
+OnSurface = tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32]
+# Of M of space: points (K, M, 3), near (M, K), excluded (M, K), inside (M,), margin (M,), weight (M,).
+InSpace = tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32]
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # Sums may be taken in another order, so that loops run on vectors.
@@ -216,13 +224,10 @@ def _place(point: F32, box: F32, x: F32, m: int) -> None:
 @inlined
 def composite_gradient(
     theta: F32,
-    widths: npt.NDArray[np.int64],
-    counts: npt.NDArray[np.int64],
-    layers: int,
-    omegas: F32,
+    shape: Shape,
     boxes: F32,
-    surface: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32],
-    space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
+    surface: OnSurface,
+    space: InSpace,
     on: npt.NDArray[np.int64],
     off: npt.NDArray[np.int64],
     on_scale: np.float32,
@@ -231,16 +236,13 @@ def composite_gradient(
 ) -> float:
     """The composite loss of some samples; grad, (K, P), becomes its gradient in theta.
 
-    widths, counts, omegas: (K,), of each network; counts are numbers of weights.
-
-    boxes: (K, 3, 2) domain boxes. surface: points (K, N, 3), near (N, K), seen (N, K), cosine (N, K). space: points
-    (K, M, 3), near (M, K), excluded (M, K), inside (M,), margin (M,), weight (M,). Networks that are not near a sample
-    have no say in what it costs. on, off: samples of the surface and of space that are looked at; on_scale, off_scale:
+    boxes: (K, 3, 2) domain boxes. on, off: samples of the surface and of space that are looked at; on_scale, off_scale:
     what each of them counts.
 
     All networks that are near say first what f is, in a pass that keeps nothing; the one that decides about a sample is
     then asked once more, in a pass that can be gone back through.
     """
+    widths, counts, layers, omegas = shape
     K, first, total = len(theta), len(on), len(on) + len(off)
     widest = widths.max()
     a, b = np.empty((widest, TILE), np.float32), np.empty((widest, TILE), np.float32)

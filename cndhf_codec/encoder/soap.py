@@ -52,7 +52,7 @@ class Soap:
             return
         (scale,), (refresh,) = self.plan(np.broadcast_to(rate, (1, len(g))))
         theta = self._theta.cpu().numpy()
-        _move(theta, g.copy(), *self.state, scale, refresh)
+        _move(theta, g.copy(), self.state, scale, refresh)
         self._theta.copy_(torch.from_numpy(theta))
 
     @property
@@ -211,18 +211,14 @@ def move_matrix(
     held: npt.NDArray[np.bool_],
     k: int,
     m: int,
-    places: Places,
-    fade: F32,
-    grams: F32,
-    bases: F32,
-    first: F32,
-    second: F32,
+    state: State,
     scale: np.float32,
     refresh: bool,
 ) -> None:
     """Step matrix m of network k and the biases after it in theta, (K, P), but for what is held; overwrites their
     gradient. Brings the moments, in the eigenbasis, and the grams up to date, and then the bases where they are to be
     refreshed."""
+    places, fade, grams, bases, first, second = state
     work = np.empty((4, *grams.shape[-2:]), np.float32)
     g, half, whole, other = work[0], work[1], work[2], work[3]
     at, rows, columns = places[k, m]
@@ -255,20 +251,9 @@ def move_matrix(
 
 
 @compiled
-def _move(
-    theta: F32,
-    gradient: F32,
-    places: Places,
-    fade: F32,
-    grams: F32,
-    bases: F32,
-    first: F32,
-    second: F32,
-    scale: F32,
-    refresh: bool,
-) -> None:
+def _move(theta: F32, gradient: F32, state: State, scale: F32, refresh: bool) -> None:
     """Step all weights of theta, (K, P); overwrites the gradient."""
     held = np.zeros(theta.shape, np.bool_)
     for k in range(len(theta)):
-        for m in range(places.shape[1]):
-            move_matrix(theta, gradient, held, k, m, places, fade, grams, bases, first, second, scale[k], refresh)
+        for m in range(state[0].shape[1]):
+            move_matrix(theta, gradient, held, k, m, state, scale[k], refresh)

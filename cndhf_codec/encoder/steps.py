@@ -7,6 +7,8 @@ third of that; here every thread runs through all steps, and looks at what the o
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -15,17 +17,27 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from .kernel import compiled, composite_gradient, inlined
+from .kernel import InSpace, OnSurface, Shape, compiled, composite_gradient, inlined
 from .soap import State, move_matrix
 from .vectors import F32
 
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 APART = 16  # places between two threads' counters: not in one line of a cache
-ALL_DONE = 2**62  # a thread that has failed lets the others go on
+ALL_DONE = 2**62  # more than there are meetings
 GIVE_WAY = "SwitchToThread" if sys.platform == "win32" else "sched_yield"  # the system's function
 PATIENCE = 500  # times that a thread looks at another's counter before it lets other programs have the processor
 
 Counters = npt.NDArray[np.int64]  # of the meetings that each thread has come to
+
+
+@contextmanager
+def not_waited_for(counters: Counters) -> Iterator[None]:
+    """A thread that fails in here lets the others go on."""
+    try:
+        yield
+    except BaseException:
+        counters[:] = ALL_DONE
+        raise
 
 
 def _counter(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
@@ -83,10 +95,10 @@ def take_steps(
     threads: int,
     counters: Counters,
     theta: F32,
-    shape: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], int, F32],
+    shape: Shape,
     boxes: F32,
-    surface: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32],
-    space: tuple[F32, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], F32, F32],
+    surface: OnSurface,
+    space: InSpace,
     on: npt.NDArray[np.int64],
     off: npt.NDArray[np.int64],
     on_scale: np.float32,
@@ -109,18 +121,14 @@ def take_steps(
     Overwrites gradients, (SHARDS, K, P), and losses, (S, SHARDS): the loss of a step is the sum of its row, and where
     weights stay as they are gradients[0] ends as the gradient. Sets pulled, (K,), for each network with a gradient.
     """
-    widths, counts, layers, omegas = shape
-    places, fade, grams, bases, first, second = optimiser
+    places = optimiser[0]
     K, M = places.shape[:2]
     n_on, n_off = on.shape[1], off.shape[1]
     for s in range(len(on)):
         for shard in range(me, SHARDS, threads):
             losses[s, shard] = composite_gradient(
                 theta,
-                widths,
-                counts,
-                layers,
-                omegas,
+                shape,
                 boxes,
                 surface,
                 space,
@@ -142,19 +150,5 @@ def take_steps(
                     pulled[k] = True
                 gradients[0, k, i] = 0 if held[k, i] else total
             if len(scales):
-                move_matrix(
-                    theta,
-                    gradients[0],
-                    held,
-                    k,
-                    m,
-                    places,
-                    fade,
-                    grams,
-                    bases,
-                    first,
-                    second,
-                    scales[s, k],
-                    refreshes[s],
-                )
+                move_matrix(theta, gradients[0], held, k, m, optimiser, scales[s, k], refreshes[s])
         _meet(counters, me, threads, 2 * s + 2)

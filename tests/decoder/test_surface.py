@@ -171,7 +171,7 @@ def test_any_signs_give_a_closed_surface():
     nobody = np.full(values.shape, band.NOBODY, dtype=np.uint8)
     noise = band.Band(band.Grid(np.zeros(3), 1.0, (n, n, n)), corners, values, nobody, blocks, bricks.astype(np.int32))
     edges = crossed_edges(noise, bricks_beside(noise))
-    ends, axis, faces = edges.ends, edges.axis, faces_between(edges)
+    ends, axis, faces = edges.ends, edges.axis, faces_between(noise, edges)
     assert len(np.unique(ends[:, 0].astype(np.int64) * 3 + axis)) == len(ends)
     signs = values.ravel()[ends]
     assert np.all(signs[:, 0] * signs[:, 1] < 0)
