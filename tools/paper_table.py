@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.progress import Bar
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.verify import sample_surface
+from cndhf_codec.mesh.read import read_mesh
 
 SAMPLES = 5_000_000
 # The paper's table: CD-paper by total parameter count.

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import MeshError
-from .read import Mesh
+from ..mesh.read import Mesh
 
 
 @dataclass(frozen=True)
@@ -23,11 +22,9 @@ class Normalisation:
 
 
 def normalisation(mesh: Mesh) -> Normalisation:
-    """The mesh's normalisation. Raises MeshError when its size is outside what float32 can hold."""
+    """The mesh's normalisation; its size is one that float32 can hold (`read.check_size`)."""
     centre = mesh.vertices.min(axis=0) / 2 + mesh.vertices.max(axis=0) / 2
     radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
-    if not 1e-30 < radius < 1e30:
-        raise MeshError(f"{mesh.name}: its size ({radius:g}) is outside 1e-30 to 1e30; rescale it")
     scale = np.float32(radius)
     if float(scale) < radius:  # never let a vertex fall outside the unit ball
         scale = np.nextafter(scale, np.float32(np.inf))

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import MeshError, require
+from ..mesh.read import Mesh, checked, read_mesh
 from .goal import Length
 from .normalise import Normalisation, normalisation
-from .read import Mesh, checked, read_mesh
 from .solid import Solid
 from .thicken import check_thickness, thickened
 

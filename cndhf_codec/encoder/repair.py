@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import require
-from .read import distinct_rows
+from ..mesh.read import distinct_rows
 
 FLAP = 0.01  # share of the whole area up to which a flap of doubled faces is dropped; a larger one is a sheet
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import MeshError, require
+from ..mesh.read import Mesh, checked
 from .normalise import Normalisation
-from .read import Mesh, checked
 from .solid import Solid
 from .verify import point_distances
 

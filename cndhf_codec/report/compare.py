@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..decoder.model import load
-from ..encoder.read import read_mesh
 from ..encoder.verify import Distances, surface_distances
+from ..mesh.read import read_mesh
 
 
 @dataclass(frozen=True)

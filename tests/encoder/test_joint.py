@@ -23,7 +23,6 @@ from cndhf_codec.encoder.heights import frame_for_axis
 from cndhf_codec.encoder.joint import widths_for
 from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
 from cndhf_codec.encoder.samples import FarSpace, Samples, draw_samples
 from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
@@ -34,6 +33,7 @@ from cndhf_codec.encoder.tune import LEAST_RATE, IdleNetworkError, tune
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
 from cndhf_codec.format.container import parameter_count
+from cndhf_codec.mesh.read import read_mesh
 
 CPU = torch.device("cpu")
 SMALL = replace(settings.PRESETS["default"], batch=512, rounds=2, round_steps=30)

@@ -14,9 +14,9 @@ from cndhf_codec import encode, loads
 from cndhf_codec.decoder.meshfile import write_mesh
 from cndhf_codec.encoder import settings
 from cndhf_codec.encoder.pipeline import Report, encode_with_report
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.verify import Distances, surface_distances
 from cndhf_codec.errors import InputError, MeshError, OptionError
+from cndhf_codec.mesh.read import read_mesh
 
 # A twentieth of the work of the default preset, and good to about a hundredth of the size.
 SMALL = replace(

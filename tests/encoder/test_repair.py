@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.solid import Solid
+from cndhf_codec.mesh.read import read_mesh
 
 
 def solid_of(*meshes: trimesh.Trimesh) -> Solid:

@@ -27,8 +27,8 @@ from skimage import measure
 import cndhf_codec
 from cndhf_codec.decoder.table import HeightTable
 from cndhf_codec.encoder.normalise import normalisation
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.encoder.verify import surface_distances
+from cndhf_codec.mesh.read import read_mesh
 
 ROUNDS = 5
 

@@ -20,9 +20,9 @@ from tqdm import tqdm
 import cndhf_codec
 from cndhf_codec.encoder.axes import choose_axes
 from cndhf_codec.encoder.prepare import prepare
-from cndhf_codec.encoder.read import Mesh, read_mesh
 from cndhf_codec.encoder.settings import settings_for
 from cndhf_codec.format.container import parameter_count
+from cndhf_codec.mesh.read import Mesh, read_mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rate_distortion import Row, load_rows, mesh_path, row, save_rows

@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from cndhf_codec.encoder import verify
 from cndhf_codec.encoder.normalise import normalisation
-from cndhf_codec.encoder.read import Mesh, read_mesh
+from cndhf_codec.mesh.read import Mesh, read_mesh
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cndhf_codec.encoder.read import read_mesh
 from cndhf_codec.errors import InputError, MeshError
+from cndhf_codec.mesh.read import read_mesh
 
 
 @pytest.fixture

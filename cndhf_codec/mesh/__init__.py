@@ -1,0 +1,1 @@
+"""Meshes in: what encoders and reports share. No torch, no numba."""

@@ -1,0 +1,107 @@
+"""What every reader gives back and raises, and the text that four of them read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+# Triangles that a file may come to, copies of its parts counted: a few lines can ask for billions.
+MOST_TRIANGLES = 2**27
+
+
+class UnreadableError(Exception):
+    """Why a file is not read: where in it, what is wrong, the remedy. The file's name is put before it later."""
+
+
+@dataclass
+class Triangles:
+    """vertices: (N, 3) float64. faces: (M, 3) int64, not yet checked against N. notes: a line for each thing in the
+    file that was not read as it stands, for the user."""
+
+    vertices: F64
+    faces: I64
+    notes: list[str] = field(default_factory=list)
+
+
+def joined(parts: Sequence[Triangles]) -> Triangles:
+    """The parts as one, in their order, with each distinct note once."""
+    before = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return Triangles(
+        np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
+        np.concatenate(
+            [np.empty((0, 3), dtype=np.int64), *(p.faces + n for p, n in zip(parts, before[:-1], strict=True))]
+        ),
+        list(dict.fromkeys(note for part in parts for note in part.notes)),
+    )
+
+
+def check_indices(indices: I64, vertices: int, where: Callable[[int], str]) -> None:
+    """Raise UnreadableError for the first of (K,) indices that names no vertex; where: the place of the k-th index."""
+    bad = (indices < 0) | (indices >= vertices)
+    if bad.any():
+        k = int(bad.argmax())
+        raise UnreadableError(f"{where(k)}: names vertex {indices[k]}, but there are {vertices}, counted from 0")
+
+
+def check_count(triangles: int) -> None:
+    """Raise UnreadableError for more triangles than a file may come to."""
+    if triangles > MOST_TRIANGLES:
+        raise UnreadableError(f"comes to {triangles} triangles; at most {MOST_TRIANGLES} are read")
+
+
+def lines_of(data: bytes) -> list[str]:
+    """The lines of a text file, whatever ends them, without a byte order mark."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise UnreadableError("is UTF-16 text; save it as UTF-8 or ASCII")
+    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    zero = data.find(b"\0")
+    if zero >= 0:
+        line = data.count(b"\n", 0, zero) + 1
+        raise UnreadableError(f"line {line}: holds a zero byte, so this is no text, or the file is damaged")
+    return data.decode("latin-1").split("\n")  # names may be in any alphabet: this never fails
+
+
+def numbers(lines: Sequence[str], comments: str | None = None) -> F64 | None:
+    """(lines, columns) the numbers on lines that all hold as many, or None where they do not or a word is no number."""
+    if not lines:
+        return None
+    try:
+        found = np.loadtxt(lines, dtype=np.float64, comments=comments, ndmin=2)
+    except ValueError:
+        return None
+    return found if len(found) == len(lines) else None  # blank lines are skipped
+
+
+def number(word: str, where: str) -> float:
+    """A decimal number. Raises UnreadableError, which names the place and a likely reason."""
+    try:
+        if "_" not in word:
+            return float(word)
+    except ValueError:
+        pass
+    hint = "; write decimals with a point, not a comma" if "," in word else ""
+    raise UnreadableError(f"{where}: {shown(word)} is no number{hint}")
+
+
+def whole(word: str, where: str) -> int:
+    """A whole number of at most 18 digits. Raises UnreadableError."""
+    digits = word.removeprefix("-").removeprefix("+")
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= 18):
+        raise UnreadableError(f"{where}: {shown(word)} is no whole number")
+    return int(word)
+
+
+def shown(word: str, most: int = 40) -> str:
+    """A word of a file fit for a message: quoted, short, without control characters."""
+    return ascii(word if len(word) <= most else word[: most - 3] + "...")
+
+
+def left_out(count: int, what: str) -> list[str]:
+    """The note on what was left out, if anything was."""
+    return [f"{count} {what} {'was' if count == 1 else 'were'} left out"] if count else []

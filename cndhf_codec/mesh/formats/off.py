@@ -1,0 +1,160 @@
+"""OFF and its kin (COFF, NOFF, STOFF, 4OFF): Geomview's object file format, ASCII.
+
+A vertex or a face is a line; where there are more or fewer lines than that, the file is read word by word.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from .common import (
+    F64,
+    I64,
+    Triangles,
+    UnreadableError,
+    check_indices,
+    left_out,
+    lines_of,
+    number,
+    numbers,
+    shown,
+    whole,
+)
+from .polygons import triangulate
+
+KEYWORD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF", re.IGNORECASE)
+
+
+def read_off(data: bytes) -> Triangles:
+    lines, places = [], []
+    for at, line in enumerate(lines_of(data)):
+        line = line.partition("#")[0].strip() if "#" in line else line.strip()
+        if line:
+            lines.append(line)
+            places.append(at + 1)
+    extra, homogeneous = _take_keyword(lines, places)
+    vertex_count, face_count = _take_counts(lines, places)
+    notes = []
+    if not face_count:
+        raise UnreadableError(f"holds no triangles: {vertex_count} vertices and no faces (a point cloud?)")
+    if len(lines) < vertex_count + face_count or not _line_is_a_face(lines[vertex_count]):
+        vertices, corners, sizes, rest = _words(lines, vertex_count, face_count, 4 if homogeneous else 3, extra)
+        notes += left_out(rest, "words behind the last face")
+    else:
+        vertices = _vertices(lines[:vertex_count], places, homogeneous)
+        corners, sizes = _faces(lines[vertex_count:][:face_count], places[vertex_count:])
+        notes += left_out(len(lines) - vertex_count - face_count, "lines behind the last face")
+    if homogeneous:
+        if (vertices[:, 3] == 0).any():
+            raise UnreadableError(
+                f"vertex {int((vertices[:, 3] == 0).argmax())} has the weight 0: it is infinitely far"
+            )
+        vertices = vertices[:, :3] / vertices[:, 3:]
+    starts = np.cumsum(sizes) - sizes
+    check_indices(corners, len(vertices), lambda k: f"face {np.searchsorted(starts, k, 'right')}")
+    faces, more = triangulate(vertices, corners, sizes)
+    return Triangles(vertices, faces, notes + more)
+
+
+def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
+    """Takes `OFF` or the like from the first line. Returns whether vertices have colours, normals or texture
+    coordinates too, and whether they have four coordinates."""
+    if not lines:
+        raise UnreadableError("holds nothing but comments")
+    match = KEYWORD.match(lines[0])
+    if not match:
+        return False, False  # the counts alone tell
+    rest = lines[0][match.end() :].strip()
+    if rest.lower().startswith("binary"):
+        raise UnreadableError("is a binary OFF file, which is not read; save it as ASCII OFF, or as PLY")
+    texture, colour, normal, four, dimension = match.groups()
+    if dimension:
+        raise UnreadableError(
+            f"is of the kind {shown(match[0])}, of any number of dimensions, which is not read; save it as OFF"
+        )
+    if rest:  # the counts stand on the same line
+        lines[0] = rest
+    else:
+        del lines[0], places[0]
+    return bool(texture or colour or normal), bool(four)
+
+
+def _take_counts(lines: list[str], places: list[int]) -> tuple[int, int]:
+    """Takes the numbers of vertices, faces and, if it is there, edges."""
+    if not lines:
+        raise UnreadableError("ends before the numbers of vertices and faces")
+    words, where = lines[0].split(), f"line {places[0]}"
+    if not 2 <= len(words) <= 3 or not all(w.isascii() and w.isdigit() for w in words):
+        raise UnreadableError(f"{where}: {shown(lines[0])} where the numbers of vertices, faces and edges should stand")
+    vertices, faces = (whole(word, where) for word in words[:2])
+    del lines[0], places[0]
+    return vertices, faces
+
+
+def _line_is_a_face(line: str) -> bool:
+    """Whether a line has a number of corners and as many of them."""
+    words = line.split()
+    return words[0].isascii() and words[0].isdigit() and len(words[0]) <= 9 and len(words) > int(words[0])
+
+
+def _vertices(lines: list[str], places: list[int], homogeneous: bool) -> F64:
+    """(N, 3), or (N, 4) with weights; what stands behind the coordinates is not looked at."""
+    columns = 4 if homogeneous else 3
+    table = numbers(lines)
+    if table is None or table.shape[1] < columns:
+        rows = []
+        for line, place in zip(lines, places, strict=False):
+            words = line.split()[:columns]
+            if len(words) < columns:
+                raise UnreadableError(f"line {place}: a vertex needs {columns} coordinates, here are {len(words)}")
+            rows.append([number(word, f"line {place}") for word in words])
+        table = np.array(rows, dtype=np.float64).reshape(-1, columns)
+    return table[:, :columns]
+
+
+def _faces(lines: list[str], places: list[int]) -> tuple[I64, I64]:
+    """Corners, and how many each face has; the colours behind them are not looked at."""
+    table = numbers(lines)
+    if table is not None and (table[:, 0] == 3).all() and table.shape[1] >= 4:
+        triangles = table[:, 1:4]
+        if np.array_equal(triangles, np.rint(triangles)) and np.abs(triangles).max() < 2**53:
+            return triangles.astype(np.int64).ravel(), np.full(len(lines), 3)
+    corners: list[int] = []
+    sizes = []
+    for line, place in zip(lines, places, strict=False):
+        words, where = line.split(), f"line {place}"
+        n = whole(words[0], where)
+        if not 0 <= n < len(words):
+            raise UnreadableError(f"{where}: a face of {n} corners, but {len(words) - 1} numbers")
+        corners += [whole(word, where) for word in words[1 : n + 1]]
+        sizes.append(n)
+    return np.array(corners, dtype=np.int64), np.array(sizes)
+
+
+def _words(lines: list[str], vertices: int, faces: int, columns: int, extra: bool) -> tuple[F64, I64, I64, int]:
+    """As `_vertices` and `_faces`, of words wherever the lines end; and how many words are left."""
+    words = " ".join(lines).split()
+    short = f"is cut short: {vertices} vertices and {faces} faces are declared, "
+    if len(words) < columns * vertices:
+        raise UnreadableError(f"{short}there are numbers for {len(words) // columns} vertices")
+    if extra:
+        raise UnreadableError(f"{short}there are {len(lines)} lines; a vertex with colours or normals must be a line")
+    points = [number(word, "a vertex") for word in words[: columns * vertices]]
+    corners: list[int] = []
+    sizes: list[int] = []
+    at = columns * vertices
+    for k in range(faces):
+        n = whole(words[at], f"face {k}") if at < len(words) else 0
+        if at >= len(words) or n < 0 or at + n >= len(words):
+            raise UnreadableError(f"{short}it ends within face {k}")
+        corners += [whole(word, f"face {k}") for word in words[at + 1 : at + 1 + n]]
+        sizes.append(n)
+        at += n + 1
+    return (
+        np.array(points, dtype=np.float64).reshape(-1, columns),
+        np.array(corners, dtype=np.int64),
+        np.array(sizes),
+        len(words) - at,
+    )

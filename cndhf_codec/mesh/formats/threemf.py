@@ -1,0 +1,208 @@
+"""3MF: the items that are to be built, with components and transforms (3MF core specification 1.3, and production)."""
+
+from __future__ import annotations
+
+import io
+import posixpath
+import zipfile
+import zlib
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+import numpy as np
+
+from .common import F64, I64, Triangles, UnreadableError, check_count, check_indices, joined, number, shown, whole
+
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+# Namespaces of extensions that may be required: they say what surfaces look like, and how they are sliced.
+KNOWN = {
+    CORE,
+    PRODUCTION,
+    "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
+    "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07",
+}
+MOST_BYTES = 2**31  # of a model, unpacked
+DEEPEST = 32  # components within components
+ROOT = "3D/3dmodel.model"
+
+
+@dataclass
+class Object3MF:
+    """A mesh, or other objects with transforms (4, 3), by their part and number."""
+
+    kind: str
+    vertices: list[float] = field(default_factory=list)
+    triangles: list[int] = field(default_factory=list)
+    components: list[tuple[tuple[str, str], F64 | None]] = field(default_factory=list)
+    triangles_at: Triangles | None = None
+
+
+def is_3mf(data: bytes) -> bool:
+    return data.startswith(b"PK") and b"3D/" in data and b".model" in data
+
+
+def read_3mf(data: bytes) -> Triangles:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = {name.lstrip("/"): name for name in archive.namelist()}
+            root = ROOT if ROOT in names else next((n for n in names if n.lower().endswith(".model")), None)
+            if root is None:
+                raise UnreadableError("is a ZIP archive without a 3D model: no 3MF file; unpack it")
+            package = _Package(archive, names)
+            return package.built(root)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError) as exc:
+        raise UnreadableError(f"the ZIP archive is damaged, or of a kind that is not read: {str(exc)[:80]}") from exc
+
+
+class _Package:
+    def __init__(self, archive: zipfile.ZipFile, names: dict[str, str]) -> None:
+        self._archive, self._names = archive, names
+        self._objects: dict[tuple[str, str], Object3MF] = {}
+        self._parts: dict[str, _Part] = {}
+        self._total = 0
+
+    def built(self, root: str) -> Triangles:
+        part = self._part(root)
+        out, support = [], 0
+        for key, transform in part.items:
+            if self._object(key).kind in ("support", "other"):
+                support += 1
+                continue
+            out += self._placed(key, transform, 0)
+        notes = [f"{support} items that are supports or no parts of the model were left out"] if support else []
+        if not any(len(p.faces) for p in out):
+            raise UnreadableError("holds no triangles: nothing is to be built")
+        both = joined(out)
+        return Triangles(both.vertices, both.faces, notes + both.notes)
+
+    def _part(self, name: str) -> _Part:
+        if name not in self._parts:
+            if name not in self._names:
+                raise UnreadableError(f"the archive has no part {shown(name)}")
+            info = self._archive.getinfo(self._names[name])
+            if info.file_size > min(MOST_BYTES, 1000 * info.compress_size + 2**16):
+                raise UnreadableError(
+                    f"the part {shown(name)} claims {info.file_size} bytes unpacked, too many to be true"
+                )
+            with self._archive.open(info) as file:
+                text = file.read(info.file_size + 1)
+            self._parts[name] = part = _Part(name, text)
+            self._objects.update(part.objects)
+        return self._parts[name]
+
+    def _object(self, key: tuple[str, str]) -> Object3MF:
+        self._part(key[0])
+        if key not in self._objects:
+            raise UnreadableError(f"names the object {shown(key[1])} of {shown(key[0])}, which is not there")
+        return self._objects[key]
+
+    def _placed(self, key: tuple[str, str], transform: F64 | None, depth: int) -> list[Triangles]:
+        if depth > DEEPEST:
+            raise UnreadableError(f"objects are nested more than {DEEPEST} deep, or within themselves")
+        found = self._object(key)
+        out = []
+        if found.triangles:
+            self._total += len(found.triangles) // 3
+            check_count(self._total)
+            out.append(_moved(_mesh(found, key[1]), transform))
+        for inner, own in found.components:
+            out += self._placed(inner, _product(own, transform), depth + 1)
+            self._total += 1
+            check_count(self._total)
+        return out
+
+
+def _mesh(found: Object3MF, name: str) -> Triangles:
+    if found.triangles_at is None:
+        vertices = np.array(found.vertices, dtype=np.float64).reshape(-1, 3)
+        faces: I64 = np.array(found.triangles, dtype=np.int64).reshape(-1, 3)
+        check_indices(faces.ravel(), len(vertices), lambda k: f"object {shown(name)}, triangle {k // 3}")
+        found.triangles_at = Triangles(vertices, faces)
+    return found.triangles_at
+
+
+def _product(inner: F64 | None, outer: F64 | None) -> F64 | None:
+    """The inner transform, then the outer one. Rows are vectors, as in the file."""
+    if inner is None or outer is None:
+        return inner if outer is None else outer
+    out = inner @ outer[:3]
+    out[3] += outer[3]
+    return out
+
+
+def _moved(mesh: Triangles, transform: F64 | None) -> Triangles:
+    if transform is None:
+        return mesh
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = mesh.vertices @ transform[:3] + transform[3]
+        mirrored = np.linalg.det(transform[:3]) < 0
+    return Triangles(vertices, mesh.faces[:, ::-1] if mirrored else mesh.faces)
+
+
+class _Part:
+    """One model part: its objects, and the items that it wants built."""
+
+    def __init__(self, name: str, text: bytes) -> None:
+        self.name = name
+        self.objects: dict[tuple[str, str], Object3MF] = {}
+        self.items: list[tuple[tuple[str, str], F64 | None]] = []
+        self._object: Object3MF | None = None
+        self._namespaces: dict[str, str] = {}
+        self._parser = parser = expat.ParserCreate(namespace_separator=" ")
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.StartNamespaceDeclHandler = self._declared
+        parser.StartDoctypeDeclHandler = self._doctype
+        try:
+            parser.Parse(text, True)
+        except expat.ExpatError as exc:
+            raise UnreadableError(f"{name}, line {exc.lineno}: the XML is damaged: {str(exc)[:60]}") from exc
+
+    def _where(self) -> str:
+        return f"{self.name}, line {self._parser.CurrentLineNumber}"
+
+    def _doctype(self, *_: object) -> None:
+        raise UnreadableError(f"{self.name}: has a document type, which 3MF does not allow")
+
+    def _declared(self, prefix: str | None, uri: str) -> None:
+        self._namespaces[prefix or ""] = uri
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        space, _, name = tag.rpartition(" ")
+        if space not in (CORE, ""):
+            if name in ("beamlattice", "booleanshape", "displacementmesh", "levelset", "volumetric"):
+                raise UnreadableError(f"{self._where()}: '{name}' is a shape that is not read; export triangles")
+            return
+        if name == "vertex" and self._object:
+            self._object.vertices += [number(attributes.get(axis, ""), self._where()) for axis in "xyz"]
+        elif name == "triangle" and self._object:
+            self._object.triangles += [whole(attributes.get(v, ""), self._where()) for v in ("v1", "v2", "v3")]
+        elif name == "object":
+            self._object = Object3MF(attributes.get("type", "model"))
+            self.objects[self.name, attributes.get("id", "")] = self._object
+        elif name == "component" and self._object:
+            self._object.components.append(self._reference(attributes))
+        elif name == "item":
+            self.items.append(self._reference(attributes))
+        elif name == "model":
+            for prefix in attributes.get("requiredextensions", "").split():
+                uri = self._namespaces.get(prefix, prefix)
+                if uri not in KNOWN:
+                    raise UnreadableError(f"requires the 3MF extension {shown(uri, 80)}, which is not read")
+
+    def _end(self, tag: str) -> None:
+        if tag.rpartition(" ")[2] == "object":
+            self._object = None
+
+    def _reference(self, attributes: dict[str, str]) -> tuple[tuple[str, str], F64 | None]:
+        path = attributes.get(f"{PRODUCTION} path")
+        part = self.name if path is None else posixpath.normpath(path).lstrip("/")
+        text = attributes.get("transform")
+        transform = None
+        if text is not None:
+            words = text.split()
+            if len(words) != 12:
+                raise UnreadableError(f"{self._where()}: a transform of {len(words)} numbers, not 12")
+            transform = np.array([number(word, self._where()) for word in words]).reshape(4, 3)
+        return (part, attributes.get("objectid", "")), transform

@@ -1,0 +1,287 @@
+"""Mesh input: files, streams or arrays, as one checked triangle mesh in input coordinates."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import os
+import sys
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import zstandard
+
+from ..errors import InputError, MeshError, MissingExtraError, require
+from ..files import read_bytes
+from .formats import gltf, obj, off, ply, recognise, stl, threemf
+from .formats.accessors import Fetch
+from .formats.common import Triangles, UnreadableError
+
+READERS: dict[str, Callable[[bytes, Fetch], Triangles]] = {
+    "obj": lambda data, _: obj.read_obj(data),
+    "ply": lambda data, _: ply.read_ply(data),
+    "stl": lambda data, _: stl.read_stl(data),
+    "off": lambda data, _: off.read_off(data),
+    "glb": gltf.read_glb,
+    "gltf": gltf.read_gltf,
+    "3mf": lambda data, _: threemf.read_3mf(data),
+}
+EXTENSIONS = tuple(f".{kind}" for kind in READERS)
+PACKED = {b"\x1f\x8b": ".gz", b"BZh": ".bz2", b"\xfd7zXZ\0": ".xz", b"\x28\xb5\x2f\xfd": ".zst"}  # by their first bytes
+MOST_BYTES = 2**34  # of a file
+MOST_TIMES = 1000  # as many bytes as a compressed file has may come out of it
+PIECE = 2**20
+Number = TypeVar("Number", bound=np.generic)
+
+AT_ONCE = 2**20  # faces looked at together: bounds the memory that large meshes take
+SMALLEST, LARGEST = 1e-30, 1e30  # radius of a mesh: what float32 can hold
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles with no zero-area face, no unused vertex, equal positions merged, and vertices and faces sorted.
+
+    vertices: (N, 3) float64. faces: (M, 3) int64. dropped: how many zero-area faces were left out. notes: a line for
+    each thing in the file that was not read as it stands.
+    """
+
+    vertices: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    name: str
+    dropped: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def triangles(self) -> npt.NDArray[np.float64]:
+        """(M, 3, 3) corner positions."""
+        return self.vertices[self.faces]
+
+
+def read_mesh(source: Any) -> Mesh:
+    """Mesh from a path, a binary stream, a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
+
+    Files: OBJ, PLY, STL, OFF, GLB, glTF (with its .bin) and 3MF, compressed with gzip, bzip2, xz or zstd too. Their
+    content says what they are, and a note where their name says otherwise. Scenes are flattened with their transforms.
+    Raises InputError when the file cannot be opened, MeshError when it is damaged, holds what is not read, or no
+    triangles with finite coordinates, and MissingExtraError for a glTF compressed with Draco or meshoptimizer without
+    the `gltf` extra.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return _of_file(Path(source))
+    if isinstance(source, tuple) and len(source) == 2:
+        try:
+            vertices, faces = (np.asarray(part, dtype=np.float64) for part in source)
+        except (TypeError, ValueError) as exc:
+            raise MeshError("the mesh: vertices and faces must be arrays of numbers") from exc
+        if not np.array_equal(faces, np.floor(faces)):
+            raise MeshError("the mesh: a face names a vertex by a number that is not whole")
+        return checked(vertices, faces, "the mesh")
+    if hasattr(source, "read"):
+        return _of_stream(source)
+    if hasattr(source, "geometry"):
+        source = _flatten(source, "the scene")
+    if hasattr(source, "vertices") and hasattr(source, "faces"):
+        return checked(np.asarray(source.vertices), np.asarray(source.faces), "the mesh")
+    raise MeshError(
+        f"cannot make a mesh of a {type(source).__name__}; give a path, a binary stream, a trimesh.Trimesh or "
+        "(vertices, faces)"
+    )
+
+
+def _of_file(path: Path) -> Mesh:
+    try:
+        exists, is_folder, is_file = path.exists(), path.is_dir(), path.is_file()
+    except (OSError, ValueError) as exc:  # a name too long, a folder that may not be looked into, a zero byte
+        raise InputError(f"{path}: cannot be read: {getattr(exc, 'strerror', exc)}") from exc
+    if not exists:
+        raise InputError(f"{path}: no such file")
+    if is_folder:
+        raise InputError(f"{path}: is a folder; name a mesh file")
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes and suffixes[-1] in PACKED.values():
+        suffixes.pop()
+    kind = suffixes[-1][1:] if suffixes else ""
+    if is_file and kind not in READERS:  # a pipe has no extension
+        raise InputError(
+            f"{path}: unknown mesh extension; these are read: {', '.join(EXTENSIONS)}, and .gz, .bz2, .xz, .zst of them"
+        )
+    return _of_bytes(read_bytes(path, MOST_BYTES), str(path), kind if kind in READERS else None, _beside(path))
+
+
+def _of_stream(stream: BinaryIO) -> Mesh:
+    name = "standard input" if stream is getattr(sys.stdin, "buffer", None) else "the stream"
+    if stream.isatty():
+        raise InputError(f"{name}: is a terminal; pipe a mesh into it, or name a file")
+    try:
+        data = stream.read(MOST_BYTES)
+    except OSError as exc:
+        raise InputError(f"{name}: cannot be read: {exc.strerror}") from exc
+    if not isinstance(data, bytes):
+        raise InputError(f"{name}: is not open for bytes")
+
+    def beside(uri: str) -> bytes:
+        raise UnreadableError(f"names the file {uri!r} beside it; give the path of the .gltf, or a .glb")
+
+    return _of_bytes(data, name, None, beside)
+
+
+def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
+    """kind: what the name says; None where there is none."""
+    try:
+        if len(data) == MOST_BYTES:
+            raise UnreadableError(f"has {MOST_BYTES} bytes or more, which is more than is read")
+        data = _unpacked(data)
+        found = recognise.recognise(data)
+        if found is None:
+            recognise.check_foreign(data)
+            if kind is None:
+                raise UnreadableError("its content is of no format that is read: " + ", ".join(READERS))
+        read = READERS[found or kind or ""](data, beside)
+    except UnreadableError as exc:
+        raise MeshError(f"{name}: {exc}") from exc
+    except MissingExtraError as exc:
+        raise MissingExtraError(f"{name}: is compressed; {exc}") from exc
+    notes = read.notes
+    if found is not None and kind is not None and found != kind:
+        notes = [f"the content is {found.upper()}, whatever the name says, and was read as such", *notes]
+    return replace(checked(read.vertices, read.faces, name), notes=tuple(notes))
+
+
+def _unpacked(data: bytes) -> bytes:
+    """The bytes that a compressed file holds, or those that are given."""
+    ending = next((ending for magic, ending in PACKED.items() if data.startswith(magic)), None)
+    if ending is None:
+        return data
+    out = bytearray()
+    try:
+        for piece in _zst_pieces(data) if ending == ".zst" else _pieces(ending, data):
+            out += piece
+            if len(out) > MOST_TIMES * len(data) + PIECE:
+                raise UnreadableError(f"{len(data)} bytes hold more than {MOST_TIMES} times as many: no mesh does")
+    except (OSError, EOFError, zlib.error, lzma.LZMAError, zstandard.ZstdError) as exc:
+        raise UnreadableError(f"the compressed file ({ending}) is damaged or cut short: {_line(exc)}") from exc
+    return bytes(out)
+
+
+def _pieces(ending: str, data: bytes) -> Iterator[bytes]:
+    packed = io.BytesIO(data)
+    opener: Any = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}[ending]
+    file = opener(packed)
+    while piece := file.read(PIECE):
+        yield piece
+
+
+def _zst_pieces(data: bytes) -> Iterator[bytes]:
+    # Fed by the kilobyte, of which few megabytes can come; the library's own file says nothing of a cut.
+    machine = zstandard.ZstdDecompressor(max_window_size=2**27).decompressobj()
+    for at in range(0, len(data), 2**10):
+        if machine.eof:
+            raise EOFError("more follows its end")
+        yield machine.decompress(data[at : at + 2**10])
+    if not machine.eof or machine.unused_data:
+        raise EOFError("its end is missing, or more follows it")
+
+
+def _beside(path: Path) -> Fetch:
+    """Reads what a .gltf names, from its folder and those below it."""
+
+    def fetch(uri: str) -> bytes:
+        folder = path.absolute().parent
+        target = Path(os.path.normpath(folder / uri))
+        if ":" in uri or not target.is_relative_to(folder):
+            raise UnreadableError(f"names {uri!r}, which is not in its own folder: it is not fetched")
+        try:
+            return read_bytes(target, MOST_BYTES)
+        except (InputError, ValueError) as exc:
+            raise UnreadableError(f"names {uri!r}, which cannot be read beside it; copy both") from exc
+
+    return fetch
+
+
+def _flatten(scene: Any, name: str) -> Any:
+    trimesh = require("trimesh", "encode")
+    meshes = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
+    if not meshes:
+        raise MeshError(f"{name}: holds no triangles (a point cloud or curves?)")
+    return trimesh.util.concatenate(meshes)
+
+
+def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
+    """The mesh of these arrays, whatever they hold. Raises MeshError, which calls the mesh by its name."""
+    if faces.size == 0:
+        raise MeshError(f"{name}: has no faces")
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(
+            f"{name}: vertices of shape (N, 3) and triangles of shape (M, 3) are needed; "
+            f"got {vertices.shape} and {faces.shape}"
+        )
+    vertices, faces = vertices.astype(np.float64), faces.astype(np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        worst = faces.min() if faces.min() < 0 else faces.max()
+        raise MeshError(f"{name}: a face names vertex {worst}, but there are {len(vertices)} vertices")
+    named = np.zeros(len(vertices), dtype=bool)
+    named[faces] = True
+    if not np.isfinite(vertices[named]).all():
+        raise MeshError(f"{name}: a vertex coordinate is NaN or infinite")
+    check_size(vertices[named], name)
+    vertices, number = distinct_rows(vertices + 0.0)  # -0 becomes 0
+    faces = number[faces]
+    solid = np.concatenate([_has_area(vertices, faces[at : at + AT_ONCE]) for at in range(0, len(faces), AT_ONCE)])
+    dropped = int(len(faces) - solid.sum())
+    faces = faces[solid]
+    if not len(faces):
+        raise MeshError(f"{name}: every face has zero area")
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return Mesh(vertices[used], _in_order((np.cumsum(used) - 1)[faces]), name, dropped)
+
+
+def check_size(vertices: npt.NDArray[np.float64], name: str) -> None:
+    """Raise MeshError for a mesh that is too large, too small or too far away for the float32 of a file's frame."""
+    lo, hi = vertices.min(axis=0), vertices.max(axis=0)
+    half = hi / 2 - lo / 2
+    largest = float(half.max())
+    radius = largest * float(np.linalg.norm(half / largest)) if largest > 0 else 0.0
+    if radius > 0 and not SMALLEST < radius < LARGEST:  # of radius 0 are faces without an area, which is told
+        raise MeshError(f"{name}: its size ({2 * radius:g}) is outside {SMALLEST:g} to {LARGEST:g}; rescale it")
+    if np.abs(vertices).max() > LARGEST:
+        raise MeshError(f"{name}: its place ({np.abs(vertices).max():g}) is beyond {LARGEST:g}; move it to the origin")
+
+
+def distinct_rows(rows: npt.NDArray[Number]) -> tuple[npt.NDArray[Number], npt.NDArray[np.int64]]:
+    """The distinct rows of (N, d), sorted by their first column, then the second, and so on; and which of them each row
+    is, (N,). As numpy's `unique` by rows, in less time and memory."""
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.ones(len(order), dtype=bool)
+    np.any(ordered[1:] != ordered[:-1], axis=1, out=new[1:])
+    number = np.empty(len(order), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return ordered[new], number
+
+
+def _has_area(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    # Relative to the longest edge, so that the test means the same in metres and in micrometres.
+    edge = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * edge**2)
+
+
+def _in_order(faces: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Every face from its least vertex on, and the faces sorted: what a file's order of faces and vertices was is
+    forgotten, so that one geometry gives one file whatever the format it came in."""
+    first = faces.argmin(axis=1)[:, None]
+    faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    return faces[np.lexsort(faces.T[::-1])]
+
+
+def _line(exc: Exception) -> str:
+    text = str(exc).strip().splitlines()
+    return text[0] if text else type(exc).__name__
