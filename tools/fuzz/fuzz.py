@@ -6,10 +6,7 @@ A finding is any exception but a FormatError, any warning, more than 64 MB of me
 
 from __future__ import annotations
 
-import hashlib
-import subprocess
 import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -23,66 +20,14 @@ with atheris.instrument_imports(include=["cndhf_codec.format", "cndhf_codec.deco
 import measure
 import mutate
 import numpy as np
+from watch import FindingError, Watch, digest
 
-HERE = Path(__file__).parent
-TESTS = HERE.parent.parent / "tests"
+TESTS = Path(__file__).parent.parent.parent / "tests"
 VALID = [p.read_bytes() for name in ("golden", "must_load") for p in sorted((TESTS / name).glob("*.cndhf"))]
 SEEDS = [*VALID, *(p.read_bytes() for p in sorted((TESTS / "must_fail").glob("*.cndhf")))]
 
 
-def digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]  # not a CRC-32, which is the same for all that end in their own
-
-
-class FindingError(Exception):
-    """What the reader must not do."""
-
-
-class Watch:
-    """What each execution costs, and the worst of them so far."""
-
-    def __init__(self) -> None:
-        self.started = time.monotonic()
-        self.executions = self.accepted = self.most = 0
-        self.slowest = 0.02  # instrumented seconds: from here on, each new record is timed without instruments
-        self.memory = measure.Peak()
-
-    def begin(self) -> None:
-        self.memory.reset()
-        self.at = time.thread_time()
-
-    def end(self, accepted: bool, data: bytes) -> None:
-        seconds, grown = time.thread_time() - self.at, self.memory.grown()
-        self.executions += 1
-        self.accepted += accepted
-        if len(data) < measure.LARGEST:
-            self.most = max(self.most, grown)
-            if grown > measure.MOST_BYTES:
-                raise FindingError(f"{grown} bytes of memory")
-            if seconds > 1.1 * self.slowest:
-                self.slowest = seconds
-                self._time_without_instruments(data)
-        if self.executions % 10_000 == 0:
-            rate = self.executions / (time.monotonic() - self.started)
-            print(
-                f"watch: {self.executions} executions, {rate:.0f} a second, {self.accepted} accepted, slowest "
-                f"{1000 * self.slowest:.0f} ms (instrumented), most memory {self.most / 2**20:.1f} MiB",
-                file=sys.stderr,
-                flush=True,
-            )
-
-    def _time_without_instruments(self, data: bytes) -> None:
-        path = Path(f"slowest-{digest(data)}.cndhf")
-        path.write_bytes(data)
-        command = [sys.executable, str(HERE / "measure.py"), str(path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        print(f"watch: slowest so far: {done.stdout.splitlines()[1:]}", file=sys.stderr, flush=True)
-        if done.returncode:
-            raise FindingError(f"too slow or too large: {done.stdout} {done.stderr}")
-        path.unlink()
-
-
-watch = Watch()
+watch = Watch(measure.SUBJECTS["cndhf"], slowest=0.02)
 
 
 def one_input(data: bytes) -> None:
