@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,7 @@ except ImportError:  # Windows
     fcntl = None
 
 
+STREAM = Path("-")  # as an argument of a command: the standard input or output
 PIECE = 2**20
 
 
@@ -33,20 +35,27 @@ def read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
         raise InputError(f"{Path(path)}: cannot be read: {exc.strerror}") from exc
 
 
-def check_output(path: str | os.PathLike[str], overwrite: bool) -> None:
-    """Raise OutputError, before any work is done, when `path` could not be written at the end."""
+def check_output(path: str | os.PathLike[str], overwrite: bool, inputs: Sequence[Path] = ()) -> None:
+    """Raise OutputError, before any work is done, when `path` could not be written at the end, or is one of the inputs,
+    which are never replaced."""
     target = Path(path)
     try:
         folder = target.absolute().parent
         is_folder, has_folder, exists = target.is_dir(), folder.is_dir(), target.exists()
-    except OSError as exc:  # a name too long, a folder that may not be looked into
-        raise OutputError(f"{target}: cannot be written: {exc.strerror}") from exc
+        is_file = target.is_file()
+        is_input = exists and any(source.exists() and target.samefile(source) for source in inputs)
+    except (OSError, ValueError) as exc:  # a name too long, a folder that may not be looked into, a zero byte
+        raise OutputError(f"{target}: cannot be written: {getattr(exc, 'strerror', exc)}") from exc
     if is_folder:
         raise OutputError(f"{target}: is a folder; name a file")
     if not has_folder:
         raise OutputError(f"{target}: the folder does not exist; make it first")
     if not os.access(folder, os.W_OK):
         raise OutputError(f"{target}: the folder may not be written to; choose another")
+    if is_input:
+        raise OutputError(f"{target}: is the input itself, which would be lost; name another output")
+    if exists and not is_file:  # a rename would put a file in the place of a device
+        raise OutputError(f"{target}: is no regular file; name another, or - for the standard output")
     if exists and not overwrite:
         raise OutputError(f"{target}: exists already; pass --overwrite (overwrite=True) to replace it")
 

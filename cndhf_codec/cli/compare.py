@@ -26,7 +26,7 @@ from ..files import check_output, write_atomically
 @click.option("--overwrite", is_flag=True, help="Replace REPORT.html if it exists.")
 @click.version_option(package_name="cndhf-codec")
 def command(a: Path, b: Path, as_json: bool, html: Path | None, up: str, resolution: int, overwrite: bool) -> None:
-    """Measure the distances between the surfaces A and B: meshes (OBJ, PLY, STL, OFF, GLB) or .cndhf files.
+    """Measure the distances between the surfaces A and B: meshes (OBJ, PLY, STL, OFF, GLB, glTF, 3MF) or .cndhf files.
 
     In input units, and in percent of the diagonal of A's bounding box, so A should be the original. Chamfer is the
     mean of the two directed mean distances; p99 and Hausdorff are of 200,000 points on each surface.
@@ -34,9 +34,12 @@ def command(a: Path, b: Path, as_json: bool, html: Path | None, up: str, resolut
     from ..report.compare import compare, read_shape
 
     if html is not None:
-        check_output(html, overwrite)
+        check_output(html, overwrite, [a, b])
         require("matplotlib", "report")  # a comparison takes its time: say first what is missing
     result = compare(read_shape(a, resolution), read_shape(b, resolution))
+    for path, shape in ((a, result.a), (b, result.b)):
+        for note in shape.notes:
+            click.echo(f"cndhf-compare: warning: {path}: {note}", err=True)
     if html is not None:
         from ..report.page import page
 

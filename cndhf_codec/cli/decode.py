@@ -10,21 +10,22 @@ from typing import Literal
 import click
 
 from ..errors import OptionError
-from ..files import check_output
+from ..files import STREAM, check_output
 
-STREAM = Path("-")
 COARSEST = 8  # the least resolution
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("source", metavar="INPUT.cndhf", type=click.Path(path_type=Path))
 @click.argument("target", metavar="[OUTPUT]", required=False, type=click.Path(path_type=Path))
-@click.option("--resolution", type=int, default=256, help="Grid cells along the longest side of the solid.")
+@click.option(
+    "--resolution", type=int, help="Grid cells along the longest side of the solid.  [default: 256, see --method]"
+)
 @click.option(
     "--method",
     type=click.Choice(["marching-cubes", "intersection"]),
-    default="marching-cubes",
-    help="How the surface is made; `intersection` keeps creases sharp and makes far fewer triangles.",
+    help="How the surface is made; `intersection` keeps creases sharp and makes far fewer triangles.  "
+    "[default: marching-cubes; intersection where walls are thinner than a cell and no --resolution is given]",
 )
 @click.option(
     "--max-error",
@@ -55,8 +56,8 @@ COARSEST = 8  # the least resolution
 def command(
     source: Path,
     target: Path | None,
-    resolution: int,
-    method: Literal["marching-cubes", "intersection"],
+    resolution: int | None,
+    method: Literal["marching-cubes", "intersection"] | None,
     max_error: str | None,
     faces: int | None,
     normals: bool,
@@ -72,7 +73,7 @@ def command(
     """
     from ..decoder.gridfile import write_grid
     from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
-    from ..decoder.model import load, load_stream
+    from ..decoder.model import RESOLUTION, load, load_stream
 
     if target is None and occupancy is None:
         raise OptionError("nothing to write: name an OUTPUT mesh, or --occupancy GRID.npz")
@@ -81,17 +82,18 @@ def command(
         raise OptionError("--format belongs to the OUTPUT -: a file's extension says its format")
     if lod is not None and (target is None or to_stream or method == "intersection"):
         raise OptionError("--lod needs an OUTPUT file, to name its levels after, and marching cubes")
-    levels = {} if target is None else {target: resolution} if lod is None else _levels(target, resolution, lod)
+    cells = RESOLUTION if resolution is None else resolution
+    levels = {} if target is None else {target: resolution} if lod is None else _levels(target, cells, lod)
     for path in levels:
         if normals:
             check_normals(Path(f"-.{format_}") if to_stream else path)
         if not to_stream:
             check_extension(path)
-            check_output(path, overwrite)
+            check_output(path, overwrite, [source])
     if occupancy is not None:
         if occupancy == STREAM:
             raise OptionError("--occupancy needs a file: the grid does not go to the standard output")
-        check_output(occupancy, overwrite)
+        check_output(occupancy, overwrite, [source])
         if occupancy.absolute() in [path.absolute() for path in levels]:
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
     model = load_stream(sys.stdin.buffer, "standard input") if source == STREAM else load(source)
@@ -99,9 +101,9 @@ def command(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
+        grid = None if occupancy is None else model.occupancy(cells)
     for warning in caught:
         click.echo(f"cndhf-decode: warning: {source}: {warning.message}", err=True)
-    grid = None if occupancy is None else model.occupancy(resolution)
     for path, mesh in meshes.items():
         if format_ is not None:
             data, note = mesh_bytes(mesh, format_, normals)
@@ -121,7 +123,7 @@ def command(
             click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
 
 
-def _levels(target: Path, resolution: int, n: int) -> dict[Path, int]:
+def _levels(target: Path, resolution: int, n: int) -> dict[Path, int | None]:
     """Paths and resolutions of levels of detail: each has a quarter of the triangles of the one before."""
     if n < 1 or resolution >> (n - 1) < COARSEST:
         raise OptionError(

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
 from ..errors import OptionError
-from ..files import check_output
+from ..files import STREAM, check_output
 from .sizes import parse_size
 
 if TYPE_CHECKING:
@@ -89,14 +90,15 @@ def command(
     overwrite: bool,
     quiet: bool,
 ) -> int:
-    """Store the mesh INPUT (OBJ, PLY, STL, OFF or GLB) as OUTPUT.cndhf.
+    """Store the mesh INPUT (OBJ, PLY, STL, OFF, GLB, glTF or 3MF; .gz, .bz2, .xz or .zst of them) as OUTPUT.cndhf.
 
-    Hidden cavities are filled, and colours and texture coordinates are not kept.
+    INPUT or OUTPUT may be `-`, the standard input or output. Hidden cavities are filled, and colours and texture coordinates are not kept.
     """
+    given = sys.stdin.buffer if source == STREAM else source
     if only_check:
         if target is not None:
             raise OptionError(f"--check writes nothing: leave {target} out")
-        return _check(source, as_json, thicken, unit, seed)
+        return _check(given, as_json, thicken, unit, seed)
     if as_json:
         raise OptionError("--json goes with --check")
     if target is None:
@@ -104,11 +106,15 @@ def command(
     from ..encoder.pipeline import encode_with_report
     from ..encoder.progress import Bar
 
-    check_output(target, overwrite)
+    to_stream = target == STREAM
+    if to_stream and sys.stdout.isatty():
+        raise OptionError("OUTPUT is - and the standard output a terminal: send it to a file or a program")
+    if not to_stream:
+        check_output(target, overwrite, [source])
     bar = Bar(quiet)
     try:
         model, report = encode_with_report(
-            source,
+            given,
             preset,
             axes=axes,
             width=width,
@@ -125,15 +131,19 @@ def command(
         )
     finally:
         bar.close()
-    model.save(target, overwrite=overwrite)
+    if to_stream:
+        sys.stdout.buffer.write(model.dumps())
+        sys.stdout.buffer.flush()
+    else:
+        model.save(target, overwrite=overwrite)
     for line in report.warnings:
         click.echo(f"cndhf-encode: warning: {line}", err=True)
-    if not quiet:
+    if not (quiet or to_stream):
         click.echo(_summary(target, model, report))
     return 0
 
 
-def _check(source: Path, as_json: bool, thicken: str | None, unit: str | None, seed: int) -> int:
+def _check(source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: str | None, seed: int) -> int:
     """Prints the report; the exit code is 1 where the mesh would be refused."""
     from ..encoder.check import check
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import warnings
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from .cells import CellGrid
     from .rays import RayHits
     from .surface import Tabled
+    from .thickness import Thickness
 
 # What only surfaces, many points or rays need is imported where it is used: to load a file should cost little.
 
@@ -34,6 +36,7 @@ CHUNK = 2**16  # points evaluated at once
 # to saying so.
 FAR = np.float32(2**20)
 CELLS_FROM = 2**18  # points asked for, over all calls, from which on cells are worth the time to make them
+RESOLUTION = 256  # of a surface, unless another is asked for
 ROUGH = 128  # resolution of the surface that an intersection is checked against
 KEPT = 512  # resolution up to which the height tables of the last surface are kept: some megabytes
 DEFAULT_ERROR = "0.02%"  # of an intersection: less than what the smallest files lose, by far
@@ -62,6 +65,7 @@ class Model:
         self._centre = np.array(container.centre, dtype=np.float64)
         self._cells: CellGrid | None = None
         self._tables: tuple[int, Tabled] | None = None
+        self._thickness: tuple[Thickness | None] | None = None  # None: not looked for yet
         self._asked = 0
         self._lock = threading.Lock()
 
@@ -236,19 +240,22 @@ class Model:
 
     def to_mesh(
         self,
-        resolution: int = 256,
-        method: Literal["marching-cubes", "intersection"] = "marching-cubes",
+        resolution: int | None = None,
+        method: Literal["marching-cubes", "intersection"] | None = None,
         max_error: float | str | None = None,
         faces: int | None = None,
         normals: bool = False,
     ) -> Any:
         """The surface as a `trimesh.Trimesh` in input coordinates: watertight, facing outward.
 
-        resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048.
-        method: "intersection" triangulates each double height field and intersects the solids: creases stay sharp,
-        and far fewer triangles do. Should manifold3d fail, there is a UserWarning and the result of marching cubes.
+        resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048. Where neither this nor a
+        method is given, 256, but an intersection for a solid with walls thinner than a cell of that.
+        method: "marching-cubes", or "intersection", which triangulates each double height field and intersects the solids: creases stay sharp,
+        and far fewer triangles do. Should manifold3d fail, there is a UserWarning and the result of marching cubes. So
+        there is when walls are thinner than a cell of marching cubes, at the default resolution too.
         max_error: of an intersection, about the distance from the exact surface: a number in input units, or a string
-        "0.1%" of the solid's bounding box's diagonal; "0.02%" when neither this nor `faces` is given.
+        "0.1%" of the solid's bounding box's diagonal; "0.02%", or a twentieth of thin walls, when neither this nor `faces`
+        is given.
         faces: of an intersection, the most triangles, in place of max_error.
         normals: set the mesh's vertex normals from the networks' analytic gradient.
         Takes at most 512 MiB of memory, 256 bytes for each double height field and square of the resolution, and 250
@@ -258,16 +265,21 @@ class Model:
         """
         from . import surface  # here: a program that only asks for points should not wait for it
 
-        self.limits.check(self.container, resolution)
+        chosen = method is not None or resolution is not None
+        cells = RESOLUTION if resolution is None else resolution
+        self.limits.check(self.container, cells)
         trimesh = require("trimesh", "mesh")
-        if method not in ("marching-cubes", "intersection"):
+        if method not in (None, "marching-cubes", "intersection"):
             raise OptionError(f"method is {method!r}; there are 'marching-cubes' and 'intersection'")
-        if method == "intersection":
-            vertices, triangles = self._intersection(max_error, faces, resolution)
-        elif max_error is not None or faces is not None:
+        if method != "intersection" and (max_error is not None or faces is not None):
             raise OptionError("max_error and faces belong to method 'intersection'")
+        if method == "intersection":
+            vertices, triangles = self._intersection(max_error, faces, cells)
+        elif not chosen:
+            vertices, triangles = self.surface(cells)
         else:
-            vertices, triangles = surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
+            self._warn_of_thin(cells)
+            vertices, triangles = surface.marching_cubes(self._dhfs, self._grid(cells), self.limits)
         # process=False: merging vertices by position could weld parts of the surface that only touch.
         mesh = trimesh.Trimesh(vertices * self.container.scale + self._centre, triangles, process=False)
         if normals:
@@ -302,6 +314,9 @@ class Model:
         error = None
         if faces is None:
             error = _length(DEFAULT_ERROR if max_error is None else max_error, diagonal, self.container.scale)
+            thin = self._thin(RESOLUTION)
+            if thin is not None and max_error is None:
+                error = min(error, thin.typical / 20)
         try:
             found = solids.intersection(self._dhfs, error, None if faces is None else int(faces), self.limits)
             if rough is not None:
@@ -313,19 +328,51 @@ class Model:
                     raise SurfaceError("its volume is not that of the solid")
         except SurfaceError as exc:
             warnings.warn(f"no intersection ({exc}); the surface is that of marching cubes", stacklevel=3)
+            self._warn_of_thin(resolution)
             return surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
         return found
+
+    def surface(self, resolution: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+        """Vertices and triangles in the normalised frame: an intersection where walls are thinner than a cell of the
+        default resolution, else marching cubes at the one given."""
+        from . import surface
+
+        if self._thin(RESOLUTION):
+            return self._intersection(None, None, RESOLUTION)
+        return surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
+
+    def _thin(self, resolution: int) -> Thickness | None:
+        """How thick the solid is, where a cell of this resolution is thicker."""
+        from .thickness import thickness
+
+        with self._lock:
+            if self._thickness is None:
+                self._thickness = (thickness(self._dhfs),)
+            found = self._thickness[0]
+        return found if found is not None and found.resolution > resolution else None
+
+    def _warn_of_thin(self, resolution: int) -> None:
+        # What any solid loses on a coarse grid goes without saying.
+        thin = self._thin(max(resolution, RESOLUTION))
+        if thin is not None:
+            warnings.warn(
+                f"parts of the solid, {thin.least * self.container.scale:.3g} thick, are thinner than a cell of resolution "
+                f"{resolution} and may come out torn or not at all: leave resolution and method to the default, take the "
+                f"method intersection, or a resolution of {math.ceil(thin.resolution)} and more",
+                stacklevel=3,
+            )
 
     def occupancy(self, resolution: int = 256) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
         """In/out at the nodes of a regular grid around the solid.
 
         Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
-        coordinates, is inside. Takes the memory of `to_mesh`, with 2 bytes a node in place of those of vertices.
+        coordinates, is inside. A UserWarning says when parts of the solid are thinner than a cell. Takes the memory of `to_mesh`, with 2 bytes a node in place of those of vertices.
         Raises OptionError or SurfaceError.
         """
         from . import surface
 
         self.limits.check(self.container, resolution)
+        self._warn_of_thin(resolution)
         grid, origin, spacing = surface.occupancy(self._dhfs, self._grid(resolution), self.limits)
         scale = self.container.scale
         return grid, origin * scale + self._centre, spacing * scale

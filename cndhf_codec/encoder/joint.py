@@ -353,11 +353,11 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline, start: Networks
         return failed
     records = _records(networks, _finest(networks), plan.frames)
     try:
-        surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).to_mesh(TRIAL_RESOLUTION)
+        surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).surface(TRIAL_RESOLUTION)
     except CndhfError:
         return failed
     truth = job.solid.vertices, job.solid.faces
-    distances = surface_distances(*truth, surface.vertices, surface.faces, job.seed, TRIAL_POINTS)
+    distances = surface_distances(*truth, *surface, job.seed, TRIAL_POINTS)
     return Trial(distances.chamfer, composite.shares(networks), start)
 
 

@@ -56,8 +56,8 @@ class Settings:
     round_steps: int  # of the joint fit between rounds; as tune_steps
     round_rate: float
 
-    # Verification: marching-cubes resolution at which the written file is measured.
-    verify_resolution: int
+    # Verification: resolution at which the written file is measured; None: as it is decoded by default.
+    verify_resolution: int | None
 
     def for_size(self) -> Settings:
         """With more joint steps at smaller sizes, where they take less time each, and at larger ones, where networks
@@ -98,7 +98,7 @@ _DEFAULT = Settings(
     rounds=4,
     round_steps=3500,
     round_rate=5e-4,
-    verify_resolution=256,
+    verify_resolution=None,
 )
 
 PRESETS: dict[str, Settings] = {

@@ -17,12 +17,14 @@ from ..mesh.read import read_mesh
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file."""
+    """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file, and a line for
+    each thing in it that was not read as it stands."""
 
     vertices: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64]
     name: str
     bytes: int
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -59,13 +61,14 @@ def read_shape(path: str | os.PathLike[str], resolution: int) -> Shape:
     Raises InputError, MeshError, FormatError, OptionError or SurfaceError.
     """
     path = Path(path)
+    notes: tuple[str, ...] = ()
     if path.suffix.lower() == ".cndhf":
         surface = load(path).to_mesh(resolution)
         vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)
     else:
         mesh = read_mesh(path)
-        vertices, faces = mesh.vertices, mesh.faces
-    return Shape(vertices, faces, path.name, path.stat().st_size)
+        vertices, faces, notes = mesh.vertices, mesh.faces, mesh.notes
+    return Shape(vertices, faces, path.name, path.stat().st_size, notes)
 
 
 def compare(a: Shape, b: Shape, seed: int = 0) -> Comparison:
