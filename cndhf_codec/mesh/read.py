@@ -143,7 +143,8 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
             recognise.check_foreign(data)
             if kind is None:
                 raise UnreadableError("its content is of no format that is read: " + ", ".join(READERS))
-        read = READERS[found or kind or ""](data, beside)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite, or too large, is told below
+            read = READERS[found or kind or ""](data, beside)
     except UnreadableError as exc:
         raise MeshError(f"{name}: {exc}") from exc
     except MissingExtraError as exc:

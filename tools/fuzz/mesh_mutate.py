@@ -50,8 +50,8 @@ EXTREMES = (
 WORDS = {
     "obj": b"v f fo vt vn l p o g s usemtl mtllib # \\ / // curv call 1/1/1 -1/-1 f\t v\t",
     "ply": b"ply format ascii binary_little_endian binary_big_endian 1.0 comment obj_info element vertex face "
-    b"tristrips property list char uchar short ushort int uint float double int8 uint64 vertex_indices vertex_index x y "
-    b"z end_header edge",
+    b"tristrips property list char uchar short ushort int uint float double int8 uint64 vertex_indices vertex_index x "
+    b"y z end_header edge",
     "stl": b"solid facet normal outer loop vertex endloop endfacet endsolid",
     "off": b"OFF COFF NOFF STOFF STCN4OFF 4OFF nOFF BINARY #",
     "glb": b'{ } [ ] , : " null true false',
@@ -262,7 +262,7 @@ def _zip(body: bytes, rng: random.Random, blind: Bytes, others: Sequence[bytes])
     elif chance < 0.12:  # of the archive itself: a field of an entry
         out = bytearray(pack_zip(parts, method))
         entry = out.rfind(b"PK\x01\x02")
-        at = rng.choice((0, max(entry, 0))) + rng.choice((4, 6, 8, 10, 14, 18, 22, 24, 26, 28, 30))
+        at = rng.choice((0, max(entry, 0))) + rng.choice((4, 6, 8, 10, 14, 18, 22, 24, 26, 28, 30, 42))
         width = rng.choice((1, 2, 4))
         out[at : at + width] = rng.choice((0, 1, 8, 12, 14, 64, 255, 2**16, 2**31, rng.getrandbits(32))).to_bytes(
             5, "little"

@@ -25,7 +25,7 @@ def _absent(module: str, extra: str) -> NoReturn:
 
 
 gltf.require = accessors.require = _absent  # type: ignore[assignment]
-common.MOST_TRIANGLES = 2**16
+common.MOST_TRIANGLES, common.MOST_COPIES = 2**16, 2**10
 reader.MOST_TIMES, reader.PIECE = 8, 2**16
 
 

@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import require
-from .common import F64, I64, UnreadableError, check_count, shown
+from .common import F64, I64, UnreadableError, told
 
 KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # componentType
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+MOST_ZEROS = 2**24  # numbers of an accessor without data, which are 0: a few bytes can ask for billions
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 Object = dict[str, Any]
@@ -35,7 +36,7 @@ def parse(data: bytes) -> Object:
         raise UnreadableError("is JSON without an asset: no glTF file")
     version = root["asset"].get("version")
     if not isinstance(version, str) or not version.startswith("2."):
-        raise UnreadableError(f"is glTF of version {shown(str(version))}; only 2.0 is read: export it anew")
+        raise UnreadableError(f"is glTF of version {told(version)}; only 2.0 is read: export it anew")
     return root
 
 
@@ -60,7 +61,7 @@ def count_of(owner: Object, key: str, where: str, default: int | None = None) ->
     if isinstance(found, float) and found.is_integer():
         found = int(found)
     if not isinstance(found, int) or isinstance(found, bool) or not 0 <= found < 2**53:
-        raise UnreadableError(f"{where}: {key} is {shown(repr(found))}, no whole number from 0 on")
+        raise UnreadableError(f"{where}: {key} is {told(found)}, no whole number from 0 on")
     return found
 
 
@@ -81,9 +82,11 @@ def vector_of(owner: Object, key: str, length: int | None, where: str) -> F64 | 
 
 def item(root: Object, kind: str, index: Any, where: str) -> tuple[Object, str]:
     """The object of this number among root's `kind`, and what to call it."""
-    items = objects(root, kind, "the file")
+    items = section(root, kind, list, "the file")
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(items):
-        raise UnreadableError(f"{where}: names {kind} {shown(repr(index))}, but there are {len(items)}")
+        raise UnreadableError(f"{where}: names {kind} {told(index)}, but there are {len(items)}")
+    if not isinstance(items[index], dict):
+        raise UnreadableError(f"{kind} {index}: is no object")
     return items[index], f"{kind} {index}"
 
 
@@ -104,8 +107,8 @@ class Accessors:
         """Count and components of an accessor, as declared."""
         accessor, name = item(self.root, "accessors", index, where)
         kind = accessor.get("type")
-        if kind not in COMPONENTS:
-            raise UnreadableError(f"{name}: its type {shown(str(kind))} is not read")
+        if not isinstance(kind, str) or kind not in COMPONENTS:
+            raise UnreadableError(f"{name}: its type {told(kind)} is not read")
         return count_of(accessor, "count", name), COMPONENTS[kind]
 
     def floats(self, index: Any, components: int, where: str) -> F64:
@@ -135,7 +138,8 @@ class Accessors:
             at = count_of(accessor, "byteOffset", name, 0)
             out = self._strided(accessor["bufferView"], at, kind, count, width, name)
         else:
-            check_count(count)
+            if count * width > MOST_ZEROS:
+                raise UnreadableError(f"{name}: has {count} elements and no data for them, too many to be true")
             out = np.zeros((count, width), dtype=kind)
         if "sparse" in accessor:
             out = self._sparse(section(accessor, "sparse", dict, name), out, name)
@@ -145,7 +149,7 @@ class Accessors:
     def _kind(self, owner: Object, where: str) -> np.dtype[Any]:
         kind = owner.get("componentType")
         if not isinstance(kind, int) or kind not in KINDS:
-            raise UnreadableError(f"{where}: its componentType {shown(repr(kind))} is not known")
+            raise UnreadableError(f"{where}: its componentType {told(kind)} is not known")
         return np.dtype(KINDS[kind])
 
     def _strided(self, view: Any, at: int, kind: np.dtype[Any], count: int, width: int, where: str) -> Numbers:
@@ -154,7 +158,7 @@ class Accessors:
         if stride is None:
             stride = size
         if not isinstance(stride, int) or not (stride == size or 4 <= stride <= 252) or stride < size:
-            raise UnreadableError(f"{where}: its buffer view has the byteStride {shown(repr(stride))} for {size} bytes")
+            raise UnreadableError(f"{where}: its buffer view has the byteStride {told(stride)} for {size} bytes")
         if count and at + stride * (count - 1) + size > len(data):
             raise UnreadableError(
                 f"{where}: {count} of {size} bytes from byte {at} on "
@@ -260,7 +264,7 @@ def _unpacked(packed: Object, data: bytes, where: str) -> bytes:
             decode = library.decode_index_buffer if mode == "TRIANGLES" else library.decode_index_sequence
             out = decode(count, 4, data).astype(f"<u{stride}")  # asked for 2 bytes, it would put two numbers in one
         else:
-            raise UnreadableError(f"{where}: its compression mode {shown(repr(mode))} of {stride} bytes is not known")
+            raise UnreadableError(f"{where}: its compression mode {told(mode)} of {stride} bytes is not known")
     except (ValueError, RuntimeError, TypeError) as exc:
         raise UnreadableError(f"{where}: its compressed bytes are damaged: {str(exc)[:80]}") from exc
     raw = np.ascontiguousarray(out).tobytes()
@@ -273,5 +277,5 @@ def _unpacked(packed: Object, data: bytes, where: str) -> bytes:
     if filter_ == "QUATERNION" and stride == 8:
         return cast("bytes", library.decode_filter_quat(np.frombuffer(raw, np.uint8), count, stride).tobytes())
     if filter_ != "NONE":  # of normals and colours: no position and no index has it
-        raise UnreadableError(f"{where}: its compression filter {shown(repr(filter_))} is not read")
+        raise UnreadableError(f"{where}: its compression filter {told(filter_)} is not read")
     return raw

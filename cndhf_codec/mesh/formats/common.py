@@ -13,6 +13,7 @@ I64 = npt.NDArray[np.int64]
 
 # Triangles that a file may come to, copies of its parts counted: a few lines can ask for billions.
 MOST_TRIANGLES = 2**27
+MOST_COPIES = 2**20  # of its parts: instances, components, nodes with meshes
 
 
 class UnreadableError(Exception):
@@ -49,10 +50,15 @@ def check_indices(indices: I64, vertices: int, where: Callable[[int], str]) -> N
         raise UnreadableError(f"{where(k)}: names vertex {indices[k]}, but there are {vertices}, counted from 0")
 
 
-def check_count(triangles: int) -> None:
-    """Raise UnreadableError for more triangles than a file may come to."""
-    if triangles > MOST_TRIANGLES:
-        raise UnreadableError(f"comes to {triangles} triangles; at most {MOST_TRIANGLES} are read")
+def check_count(triangles: int, vertices: int = 0, copies: int = 0) -> None:
+    """Raise UnreadableError for more triangles, vertices or copies of its parts than a file may come to."""
+    for count, most, what in (
+        (triangles, MOST_TRIANGLES, "triangles"),
+        (vertices, 3 * MOST_TRIANGLES, "vertices"),
+        (copies, MOST_COPIES, "copies of its parts"),
+    ):
+        if count > most:
+            raise UnreadableError(f"comes to {count} {what}; at most {most} are read")
 
 
 def lines_of(data: bytes) -> list[str]:
@@ -69,7 +75,7 @@ def lines_of(data: bytes) -> list[str]:
 
 def numbers(lines: Sequence[str], comments: str | None = None) -> F64 | None:
     """(lines, columns) the numbers on lines that all hold as many, or None where they do not or a word is no number."""
-    if not lines:
+    if not lines or not lines[0].partition(comments or "\n")[0].strip():  # of nothing but blank lines numpy would warn
         return None
     try:
         found = np.loadtxt(lines, dtype=np.float64, comments=comments, ndmin=2)
@@ -100,6 +106,13 @@ def whole(word: str, where: str) -> int:
 def shown(word: str, most: int = 40) -> str:
     """A word of a file fit for a message: quoted, short, without control characters."""
     return ascii(word if len(word) <= most else word[: most - 3] + "...")
+
+
+def told(value: object) -> str:
+    """A value of a JSON file fit for a message. Lists and objects may be nested deeper than can be written out."""
+    if isinstance(value, (list, dict)):
+        return "a list" if isinstance(value, list) else "an object"
+    return shown(value if isinstance(value, str) else repr(value))
 
 
 def left_out(count: int, what: str) -> list[str]:

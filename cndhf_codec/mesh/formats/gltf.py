@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import require
 from .accessors import Accessors, Fetch, Object, count_of, item, objects, parse, section, vector_of
-from .common import F64, I64, Triangles, UnreadableError, check_count, check_indices, joined, shown
+from .common import F64, I64, Triangles, UnreadableError, check_count, check_indices, joined, told
 from .ply import strip_triangles
 
 DRACO, INSTANCES, VISIBILITY = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing", "KHR_node_visibility"
@@ -78,7 +78,7 @@ def _read(root: Object, binary: bytes | None, fetch: Fetch) -> Triangles:
     for name in section(root, "extensionsRequired", list, "the file"):
         if not isinstance(name, str) or (name not in READ and not name.startswith(SHAPELESS)):
             raise UnreadableError(
-                f"requires the glTF extension {shown(str(name))}, which is not read; export the file without it"
+                f"requires the glTF extension {told(name)}, which is not read; export the file without it"
             )
     accessors = Accessors(root, binary, fetch)
     return _Scene(root, accessors).triangles()
@@ -94,7 +94,8 @@ class _Scene:
         self._other = 0  # primitives that are points or lines
 
     def triangles(self) -> Triangles:
-        out, total = [], 0
+        out: list[Triangles] = []
+        total = vertices = 0
         for node in self._shown():
             if "mesh" not in self.nodes[node]:
                 continue
@@ -102,8 +103,8 @@ class _Scene:
             targets = self._weights(node, where)
             for primitive in self._mesh(self.nodes[node]["mesh"], where, targets):
                 for part in self._placed(primitive, node, where):
-                    total += len(part.faces)
-                    check_count(total)
+                    total, vertices = total + len(part.faces), vertices + len(part.vertices)
+                    check_count(total, vertices, len(out))
                     out.append(part)
         if self._other:
             self.notes.append(f"{self._other} primitives of points or lines, which bound no surface, were left out")
@@ -290,7 +291,8 @@ class _Scene:
         ids = section(packed, "attributes", dict, where)
 
         def array(name: str) -> np.ndarray:
-            found = arrays.get(ids.get(name))
+            key = ids.get(name)
+            found = arrays.get(key) if isinstance(key, int) else None
             if found is None:
                 raise UnreadableError(f"{where}: its Draco data has no attribute {name}")
             return found
@@ -323,7 +325,7 @@ class _Scene:
         if not isinstance(instances, dict):
             raise UnreadableError(f"{where}: its instances are no object")
         transforms = self._instances(section(instances, "attributes", dict, where), where)
-        check_count(len(transforms) * len(primitive.faces))
+        check_count(len(transforms) * len(primitive.faces), len(transforms) * len(primitive.positions), len(transforms))
         for transform in transforms:
             yield _moved(primitive, transform if world is None else world @ transform)
 

@@ -229,7 +229,7 @@ def _alike(data: bytes, at: int, element: Element, order: str) -> Iterator[list[
             if at + width > len(data):
                 raise _short(element)
             sizes.append(int(np.frombuffer(data, order + p.count, 1, at)[0]))
-            if not 0 <= sizes[-1] <= len(data):
+            if not 0 <= sizes[-1] <= len(data) - at:
                 return
             at += width + sizes[-1] * int(p.kind[1])
     yield sizes

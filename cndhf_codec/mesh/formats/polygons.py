@@ -36,7 +36,10 @@ def triangulate(vertices: F64, corners: I64, sizes: I64) -> tuple[I64, list[str]
             fans, left = _fans(rows, flat) if n <= FANS else (rows[:0, :3], np.arange(len(rows)))
         out.append(fans)
         for k in left.tolist():
-            ears, simple = _ears(flat[k].tolist())
+            if not np.isfinite(flat[k]).all():  # kept, for the check of the mesh to refuse
+                ears, simple = [(0, j, j + 1) for j in range(1, n - 1)], True
+            else:
+                ears, simple = _ears(flat[k].tolist())
             crossing += not simple
             out.append(rows[k][np.array(ears, dtype=np.int64).reshape(-1, 3)])
     notes = []

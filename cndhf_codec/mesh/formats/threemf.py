@@ -49,18 +49,18 @@ def read_3mf(data: bytes) -> Triangles:
             root = ROOT if ROOT in names else next((n for n in names if n.lower().endswith(".model")), None)
             if root is None:
                 raise UnreadableError("is a ZIP archive without a 3D model: no 3MF file; unpack it")
-            package = _Package(archive, names)
+            package = _Package(archive, names, min(MOST_BYTES, 1000 * len(data) + 2**16))
             return package.built(root)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError) as exc:
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError) as exc:
         raise UnreadableError(f"the ZIP archive is damaged, or of a kind that is not read: {str(exc)[:80]}") from exc
 
 
 class _Package:
-    def __init__(self, archive: zipfile.ZipFile, names: dict[str, str]) -> None:
-        self._archive, self._names = archive, names
+    def __init__(self, archive: zipfile.ZipFile, names: dict[str, str], most_bytes: int) -> None:
+        self._archive, self._names, self._room = archive, names, most_bytes
         self._objects: dict[tuple[str, str], Object3MF] = {}
         self._parts: dict[str, _Part] = {}
-        self._total = 0
+        self._triangles = self._vertices = self._copies = 0
 
     def built(self, root: str) -> Triangles:
         part = self._part(root)
@@ -81,7 +81,12 @@ class _Package:
             if name not in self._names:
                 raise UnreadableError(f"the archive has no part {shown(name)}")
             info = self._archive.getinfo(self._names[name])
-            if info.file_size > min(MOST_BYTES, 1000 * info.compress_size + 2**16):
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise UnreadableError(
+                    f"the part {shown(name)} is not compressed by Deflate, as 3MF demands; zip it anew"
+                )
+            self._room -= info.file_size
+            if self._room < 0:
                 raise UnreadableError(
                     f"the part {shown(name)} claims {info.file_size} bytes unpacked, too many to be true"
                 )
@@ -103,13 +108,14 @@ class _Package:
         found = self._object(key)
         out = []
         if found.triangles:
-            self._total += len(found.triangles) // 3
-            check_count(self._total)
+            self._triangles += len(found.triangles) // 3
+            self._vertices += len(found.vertices) // 3
+            check_count(self._triangles, self._vertices)
             out.append(_moved(_mesh(found, key[1]), transform))
         for inner, own in found.components:
             out += self._placed(inner, _product(own, transform), depth + 1)
-            self._total += 1
-            check_count(self._total)
+            self._copies += 1
+            check_count(0, 0, self._copies)
         return out
 
 
@@ -145,6 +151,7 @@ class _Part:
 
     def __init__(self, name: str, text: bytes) -> None:
         self.name = name
+        self._shown = shown(name, 80)[1:-1]  # without its quotes
         self.objects: dict[tuple[str, str], Object3MF] = {}
         self.items: list[tuple[tuple[str, str], F64 | None]] = []
         self._object: Object3MF | None = None
@@ -157,13 +164,17 @@ class _Part:
         try:
             parser.Parse(text, True)
         except expat.ExpatError as exc:
-            raise UnreadableError(f"{name}, line {exc.lineno}: the XML is damaged: {str(exc)[:60]}") from exc
+            raise UnreadableError(f"{self._shown}, line {exc.lineno}: the XML is damaged: {str(exc)[:60]}") from exc
+        except (LookupError, ValueError) as exc:
+            raise UnreadableError(
+                f"{self._shown}: the XML is of an encoding that is not read; save it as UTF-8"
+            ) from exc
 
     def _where(self) -> str:
-        return f"{self.name}, line {self._parser.CurrentLineNumber}"
+        return f"{self._shown}, line {self._parser.CurrentLineNumber}"
 
     def _doctype(self, *_: object) -> None:
-        raise UnreadableError(f"{self.name}: has a document type, which 3MF does not allow")
+        raise UnreadableError(f"{self._shown}: has a document type, which 3MF does not allow")
 
     def _declared(self, prefix: str | None, uri: str) -> None:
         self._namespaces[prefix or ""] = uri
