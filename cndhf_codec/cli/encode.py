@@ -16,6 +16,7 @@ from .sizes import parse_size
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
+    from ..encoder.bodies import Bodies
     from ..encoder.check import Check
     from ..encoder.pipeline import Report
 
@@ -92,7 +93,8 @@ def command(
 ) -> int:
     """Store the mesh INPUT (OBJ, PLY, STL, OFF, GLB, glTF or 3MF; .gz, .bz2, .xz or .zst of them) as OUTPUT.cndhf.
 
-    INPUT or OUTPUT may be `-`, the standard input or output. Hidden cavities are filled, and colours and texture coordinates are not kept.
+    INPUT or OUTPUT may be `-`, the standard input or output. Hidden cavities are filled, and colours and texture
+    coordinates are not kept.
     """
     given = sys.stdin.buffer if source == STREAM else source
     if only_check:
@@ -153,29 +155,42 @@ def _check(source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: st
 
 
 def _checked(c: Check) -> str:
-    def percent(share: float) -> str:
-        return f"{100 * share:.1f} %"
+    from ..encoder.prepare import counted, percent
 
     lines = [
-        f"{c.name}: {c.faces} faces, {c.vertices} vertices, {c.components} components",
+        f"{c.name}: {c.faces} faces, {c.vertices} vertices, {counted(c.components, 'component')}",
         f"size {' x '.join(f'{e:.4g}' for e in c.extents)}, diagonal {c.diagonal:.4g}",
         f"boundary: {c.boundary_loops} loops of {c.boundary_edges} edges; non-manifold edges: {c.nonmanifold_edges}; "
         f"faces of zero area: {c.dropped_faces}",
-        f"turned round: {percent(c.flipped)} of the surface; "
-        f"edges that pierce other faces: {percent(c.self_intersections)}",
     ]
-    if c.volume is not None and c.hidden is not None:
+    if c.flipped and c.refusal is None:
+        lines.append(f"turned round: {percent(c.flipped)} of the surface")
+    if c.self_intersections:
+        lines.append(f"edges that pierce other faces: {percent(c.self_intersections)}")
+    if c.parts is not None and c.minor_parts is not None and c.volume is not None:
+        tiny = f" and {c.minor_parts} tiny ones" if c.minor_parts else ""
+        lines.append(f"{counted(c.parts)}{tiny} apart from each other, volume {c.volume:.7g}")
+    if c.hidden and c.filled is not None:
         lines.append(
-            f"volume about {c.volume:.4g}; hidden from every axis, to be filled: {percent(c.hidden)} of the surface"
+            f"hidden from every axis, to be filled: {percent(c.hidden)} of the surface, "
+            f"a volume of about {c.filled:.4g}"
         )
-    if c.floor is not None:
+    if c.floor:
         lines.append(
-            f"least mean error, from what is filled, with {c.axes} axes: about {c.floor:.3g} "
-            f"({100 * c.floor / c.diagonal:.3f} % of the diagonal)"
+            f"what is filled costs a mean error of about {c.floor:.3g} "
+            f"({100 * c.floor / c.diagonal:.3f} % of the diagonal) with {c.axes} axes; the fit's own error comes on top"
         )
     lines += [f"assumed: {line}" for line in c.assumptions]
     lines.append("would be encoded" if c.refusal is None else f"would be refused: {c.refusal}")
     return "\n".join(lines)
+
+
+def _bodies(found: Bodies | None) -> str:
+    from ..encoder.prepare import counted
+
+    assert found is not None
+    tiny = f" and {found.minor} tiny" if found.minor else ""
+    return f"{counted(found.parts)}{tiny}, volume {found.volume:.4g}"
 
 
 def _summary(target: Path, model: Model, report: Report) -> str:
@@ -191,6 +206,7 @@ def _summary(target: Path, model: Model, report: Report) -> str:
             f"{sum(report.seconds.values()):.0f} s",
             "error in input units (and of the bounding box's diagonal): "
             f"mean {error(d.chamfer)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
+            f"input: {_bodies(report.bodies)}; result: {_bodies(report.decoded)}",
             f"surface seen by the chosen axes: {100 * report.covered:.1f} % "
             f"(by any axis: {100 * report.visible:.1f} %)",
         ]

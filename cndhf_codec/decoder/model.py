@@ -250,12 +250,12 @@ class Model:
 
         resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048. Where neither this nor a
         method is given, 256, but an intersection for a solid with walls thinner than a cell of that.
-        method: "marching-cubes", or "intersection", which triangulates each double height field and intersects the solids: creases stay sharp,
-        and far fewer triangles do. Should manifold3d fail, there is a UserWarning and the result of marching cubes. So
-        there is when walls are thinner than a cell of marching cubes, at the default resolution too.
+        method: "marching-cubes", or "intersection", which triangulates each double height field and intersects the
+        solids: creases stay sharp, and far fewer triangles do. Should manifold3d fail, there is a UserWarning and the
+        result of marching cubes. So there is when walls are thinner than a cell of that and of the default resolution.
         max_error: of an intersection, about the distance from the exact surface: a number in input units, or a string
-        "0.1%" of the solid's bounding box's diagonal; "0.02%", or a twentieth of thin walls, when neither this nor `faces`
-        is given.
+        "0.1%" of the solid's bounding box's diagonal; "0.02%", or a twentieth of thin walls, when neither this nor
+        `faces` is given.
         faces: of an intersection, the most triangles, in place of max_error.
         normals: set the mesh's vertex normals from the networks' analytic gradient.
         Takes at most 512 MiB of memory, 256 bytes for each double height field and square of the resolution, and 250
@@ -356,9 +356,9 @@ class Model:
         thin = self._thin(max(resolution, RESOLUTION))
         if thin is not None:
             warnings.warn(
-                f"parts of the solid, {thin.least * self.container.scale:.3g} thick, are thinner than a cell of resolution "
-                f"{resolution} and may come out torn or not at all: leave resolution and method to the default, take the "
-                f"method intersection, or a resolution of {math.ceil(thin.resolution)} and more",
+                f"parts of the solid, {thin.least * self.container.scale:.3g} thick, are thinner than a cell of "
+                f"resolution {resolution} and may come out torn or not at all: leave resolution and method to the "
+                f"default, take the method intersection, or a resolution of {math.ceil(thin.resolution)} and more",
                 stacklevel=3,
             )
 
@@ -366,7 +366,8 @@ class Model:
         """In/out at the nodes of a regular grid around the solid.
 
         Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
-        coordinates, is inside. A UserWarning says when parts of the solid are thinner than a cell. Takes the memory of `to_mesh`, with 2 bytes a node in place of those of vertices.
+        coordinates, is inside. A UserWarning says when parts of the solid are thinner than a cell. Takes the memory
+        of `to_mesh`, with 2 bytes a node in place of those of vertices.
         Raises OptionError or SurfaceError.
         """
         from . import surface

@@ -20,8 +20,8 @@ THIN = (
 
 @dataclass(frozen=True)
 class Thickness:
-    """longest: side of the solid's box. least: below which the twentieth of a field's heights lie, of the field that has
-    the least. typical: the least of the fields' medians. All in normalised units."""
+    """longest: side of the solid's box. least: the twentieth of a field's heights lie below it, of the field that has
+    the least such. typical: the least of the fields' medians. All in normalised units."""
 
     longest: float
     least: float

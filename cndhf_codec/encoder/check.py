@@ -6,22 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..decoder.parallel import processors
 from ..errors import require
 from .axisset import AxisCosts
+from .bodies import bodies_of_solid, filled_volume, piercing
 from .goal import parse_length
-from .pipeline import hidden_warning
+from .pipeline import hidden_warning, unseen
 from .prepare import prepare
 from .repair import I64, Edges, connected, edges_of
 from .settings import PRESETS
-from .solid import Solid
 from .team import Team
-
-VOLUME_SAMPLES = 200_000
-EDGE_SAMPLES = 200_000
-LEAST_DEPTH = 1e-6  # how far an edge must go through a face to count (normalised units; float32 rays)
 
 
 @dataclass(frozen=True)
@@ -31,10 +26,12 @@ class Check:
     dropped_faces: of zero area. components: parts that share no vertex. boundary_edges: of one face, in
     boundary_loops connected chains. nonmanifold_edges: of three faces or more. flipped: share of the surface whose
     orientation is reversed. self_intersections: share of (at most 200,000 sampled) edges that pierce another face.
-    volume: of the solid, estimated from 200,000 points. hidden: share of the surface that no axis sees, which will be
-    filled. floor: mean error that exact height fields along the `axes` best axes would leave: what they fill in.
-    assumptions: a line for each thing that would be taken for granted. refusal: why it would not be encoded, or None;
-    then what is said of the solid is None.
+    parts: bodies of the solid that do not touch each other, and minor_parts: those shorter than a hundredth of the
+    whole. volume: of the solid, exact for a closed surface that does not go through itself, else from 30,000 points.
+    hidden: share of the surface that no axis sees, which will be filled. filled, floor: the volume that exact height
+    fields along the `axes` best axes would add, and the mean error that they would leave by it. assumptions: a line for
+    each thing that would be taken for granted. refusal: why it would not be encoded, or None; then what is said of the
+    solid is None.
     """
 
     name: str
@@ -49,7 +46,10 @@ class Check:
     nonmanifold_edges: int
     flipped: float
     self_intersections: float
+    parts: int | None
+    minor_parts: int | None
     volume: float | None
+    filled: float | None
     hidden: float | None
     axes: int | None
     floor: float | None
@@ -60,8 +60,8 @@ class Check:
 def check(source: Any, *, thicken: float | str | None = None, unit: str | None = None, seed: int = 0) -> Check:
     """Look at a mesh as `encode` would. source, thicken, unit and seed are as there.
 
-    A surface that `encode` refuses for being open has a `refusal`. Raises InputError and MeshError for what is no mesh,
-    OptionError, and MissingExtraError (the `encode` extra).
+    A surface that `encode` refuses, for being open or too thin, has a `refusal`. Raises InputError and MeshError for
+    what is no mesh, OptionError, and MissingExtraError (the `encode` extra).
     """
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     for library in ("embreex", "igl", "trimesh"):
@@ -70,18 +70,23 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     mesh, solid, scale = prepared.given, prepared.solid, prepared.norm.scale
     edges = edges_of(mesh.faces, len(mesh.vertices))
     boundary = _boundary(mesh.faces, edges)
-    volume = hidden = axes = floor = None
-    assumptions = prepared.assumptions
-    if prepared.refusal is None:
-        volume = _volume(solid, seed) * scale**3
+    parts = minor_parts = volume = filled = hidden = axes = floor = None
+    assumptions, refusal = prepared.assumptions, prepared.refusal
+    if refusal is None:
+        bodies = bodies_of_solid(solid, seed).scaled(scale)
+        parts, minor_parts, volume = bodies.parts, bodies.minor, bodies.volume
         with Team(min(4, processors())) as team:
             costs = AxisCosts(solid, seed, team)
         hidden = 1 - costs.visible
         assumptions = [*assumptions, *hidden_warning(costs.visible)]
         if costs.visible > 0:
             axes = PRESETS["default"].max_axes or 1
+            chosen = costs.best(axes)
             # One of the two directions of the mean error sees what is filled.
-            floor = costs.depth(costs.best(axes)) / 2 * scale
+            floor = costs.depth(chosen) / 2 * scale
+            filled = filled_volume(solid, costs.axes[chosen]) * scale**3
+        else:
+            refusal = unseen(mesh.name)
     x, y, z = (float(e) for e in np.ptp(mesh.vertices, axis=0))
     return Check(
         name=mesh.name,
@@ -95,13 +100,16 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         boundary_edges=len(boundary),
         nonmanifold_edges=int((edges.count > 2).sum()),
         flipped=prepared.flipped,
-        self_intersections=_self_intersections(solid, seed),
+        self_intersections=float(piercing(solid, seed)[1].mean()),
+        parts=parts,
+        minor_parts=minor_parts,
         volume=volume,
+        filled=filled,
         hidden=hidden,
         axes=axes,
         floor=floor,
         assumptions=assumptions,
-        refusal=prepared.refusal,
+        refusal=refusal,
     )
 
 
@@ -116,40 +124,3 @@ def _parts(*links: I64) -> int:
     distinct, numbers = np.unique(np.concatenate(links), return_inverse=True)
     numbers = numbers.reshape(-1, 2)
     return int(connected(numbers[:, 0], numbers[:, 1], len(distinct)).max(initial=-1)) + 1
-
-
-def _volume(solid: Solid, seed: int) -> float:
-    """Share of random points of the bounding box that are inside, times its volume."""
-    lo, hi = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
-    points = lo + np.random.default_rng(seed).random((VOLUME_SAMPLES, 3)) * (hi - lo)
-    return float(solid.contains(points).mean() * (hi - lo).prod())
-
-
-def _self_intersections(solid: Solid, seed: int) -> float:
-    """Share of edges that pierce a face with which they share no vertex."""
-    pairs = np.concatenate([solid.faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
-    if len(pairs) > EDGE_SAMPLES:
-        pairs = pairs[np.random.default_rng(seed).choice(len(pairs), EDGE_SAMPLES, replace=False)]
-    a, b = solid.vertices[pairs[:, 0]], solid.vertices[pairs[:, 1]]
-    pierced = np.zeros(len(pairs), dtype=bool)
-    for start, end in ((a, b), (b, a)):  # from either end: the first face that is hit may be a neighbour
-        hit = solid.first_hits(start + 1e-4 * (end - start), end - start)
-        pierced |= _pierces(solid, start, end, pairs, hit)
-    return float(pierced.mean())
-
-
-def _pierces(
-    solid: Solid,
-    start: npt.NDArray[np.float64],
-    end: npt.NDArray[np.float64],
-    pairs: I64,
-    face: npt.NDArray[np.int32],
-) -> npt.NDArray[np.bool_]:
-    """Whether segments truly pass through the faces that rays along them hit, in float64."""
-    corners = solid.faces[face]
-    strangers = (corners[:, :, None] != pairs[:, None, :]).all(axis=(1, 2))
-    corner, normal = solid.vertices[corners[:, 0]], solid.normals[face]
-    before, behind = (((p - corner) * normal).sum(axis=1) for p in (start, end))
-    through = (before * behind < 0) & (np.minimum(np.abs(before), np.abs(behind)) > LEAST_DEPTH)
-    return (face >= 0) & strangers & through

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .. import __version__
 from ..decoder.model import Model, loads
 from ..decoder.parallel import processors
@@ -15,15 +17,18 @@ from ..errors import EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
+from .bodies import Bodies, bodies_of_solid, bodies_of_surface
 from .deadline import Deadline
 from .goal import parse_length, smallest_file
-from .prepare import prepare, solid_or_error
+from .prepare import counted, percent, prepare, solid_or_error
 from .progress import OnStep, Progress, silent
 from .settings import Settings, settings_for
 from .verify import Distances, surface_distances
 
 VERIFY_SHARE = 0.1  # of a time limit
 POOR = 0.025  # a larger mean error, of the diagonal, is that of a failed fit
+# A larger change of volume is worth a warning: that of a plate with sides off by a hundredth of its thickness.
+VOLUME_CHANGE = 0.02
 UNSEEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
 
 
@@ -42,12 +47,14 @@ class Report:
     distances: Distances | None = None  # from the input, or from its walls where it was thickened; input units
     normalised: Distances | None = None  # normalised frame
     diagonal: float = 0.0  # of the input's bounding box, input units
+    bodies: Bodies | None = None  # of the input, input units
+    decoded: Bodies | None = None  # of the result
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def warnings(self) -> list[str]:
         """A line for each thing that a user should know of before trusting the result."""
-        return [*self.assumptions, *hidden_warning(self.visible), *self._poor()]
+        return [*self.assumptions, *hidden_warning(self.visible), *self._poor(), *self._changed()]
 
     def _poor(self) -> list[str]:
         # What is hidden comes back filled, which is told: say a quarter of the diagonal away, in one direction of two.
@@ -57,14 +64,37 @@ class Report:
         share = 100 * self.distances.chamfer / self.diagonal
         return [f"the result is far from the input, {share:.1f} % of its diagonal on average; try another --seed"]
 
+    def _changed(self) -> list[str]:
+        """What a person would count, and find changed."""
+        if self.bodies is None or self.decoded is None:
+            return []
+        given, made, out = self.bodies, self.decoded, []
+        if made.parts != given.parts:
+            what = "some are lost or have grown together" if made.parts < given.parts else "some have come apart"
+            out.append(
+                f"the input has {counted(given.parts)}, the result {counted(made.parts)}: {what}; try a larger size"
+            )
+        if made.minor > given.minor:
+            out.append(f"the result has {counted(made.minor - given.minor, 'speck')} that the input has not")
+        change = made.volume / given.volume - 1 if given.volume > 0 else 0.0
+        if abs(change) > VOLUME_CHANGE:
+            out.append(
+                f"the volume of the result is {made.volume:.4g}, that of the input {given.volume:.4g} "
+                f"({100 * change:+.1f} %)"
+            )
+        return out
+
+
+def unseen(name: str) -> str:
+    return f"{name}: no axis sees any of its surface; it does not bound a solid"
+
 
 def hidden_warning(visible: float) -> list[str]:
     """A line where more of the surface is hidden than can go without saying."""
     if 1 - visible <= UNSEEN:
         return []
     return [
-        f"{100 * (1 - visible):.1f} % of the surface is hidden from every axis (cavities, inner parts) "
-        "and comes back filled"
+        f"{percent(1 - visible)} of the surface is hidden from every axis (cavities, inner parts) and comes back filled"
     ]
 
 
@@ -87,7 +117,8 @@ def encode(
 ) -> Model:
     """Encode a mesh.
 
-    source: a path (OBJ, PLY, STL, OFF, GLB), a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
+    source: a path or a binary stream (OBJ, PLY, STL, OFF, GLB, glTF, 3MF), a `trimesh.Trimesh` or `Scene`, or a
+    (vertices, faces) pair.
     preset: "fast", "default", "best" or "paper". axes: the most DHFs to use. width: of every network.
     target_size: bytes that the file shall not exceed (the width then follows from it).
     target_error: mean error that the file shall not exceed, in input units, or as a string "0.2%" of the bounding
@@ -171,6 +202,7 @@ def encode_with_report(
     given, norm, solid = prepared.given, prepared.norm, solid_or_error(prepared)
     report.faces, report.dropped_faces, report.flipped = len(given.faces), given.dropped, prepared.flipped
     report.assumptions, report.diagonal = prepared.assumptions, prepared.diagonal
+    report.bodies = bodies_of_solid(solid, seed).scaled(norm.scale)
 
     def attempt(settings: Settings, deadline: Deadline) -> tuple[Model, Report]:
         """One encode, as the settings say."""
@@ -183,7 +215,7 @@ def encode_with_report(
                 done = encode_paper(solid, settings, seed, torch_device, threads, clock, fit_deadline)
         records, report.covered, report.visible, report.unknown = done
         if not records:
-            raise MeshError(f"{given.name}: no axis sees any of its surface; it does not bound a solid")
+            raise MeshError(unseen(given.name))
 
         clock("verify", 1)
         container = Container(
@@ -207,7 +239,8 @@ def encode_with_report(
             max_error=_significant(distances.maximum),
         )
         model = Model(replace(container, metadata=with_errors))
-        return model, replace(report, settings=settings, normalised=measured, distances=distances)
+        made = bodies_of_surface(np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64))
+        return model, replace(report, settings=settings, normalised=measured, distances=distances, decoded=made)
 
     if goal is None:
         return attempt(settings, deadline)

@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import MeshError, require
+from ..format.constants import BOX_STEP
 from ..mesh.read import Mesh, checked, read_mesh
 from .goal import Length
 from .normalise import Normalisation, normalisation
+from .repair import connected
 from .solid import Solid
 from .thicken import check_thickness, thickened
 
@@ -21,6 +23,8 @@ MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000
 # How far behind a sheet a body must reach (normalised units). Measured there, inside: 2 % of a bed's single panel, 90 %
 # of a draped cloth, all of an open box.
 BEHIND = 0.01
+SPECKS = 0.001  # share of the surface up to which parts are specks, all together: less than any error of a file
+FAR_AWAY = 2.0  # a frame so many times as large leaves half of the detail
 ROUNDING = 0.001  # a smaller share is not worth a line: of rays, a face seen from behind at a silhouette
 
 
@@ -45,26 +49,30 @@ class Prepared:
 
 def prepare(source: Any, thicken: Length | None = None) -> Prepared:
     """Read a source (see `read_mesh`) and make it a solid; thicken: of the wall that sheets get. Raises InputError, and
-    MeshError for what is no mesh or a wall that cannot be made; a surface too open to be a solid is a `refusal`."""
-    given = mesh = read_mesh(source)
+    MeshError for what is no mesh or a wall that cannot be made; a surface too open to be a solid, or too thin for a
+    file, is a `refusal`."""
+    given = read_mesh(source)
+    assumptions = list(given.notes)
+    if given.dropped:
+        assumptions.append(f"{given.dropped} faces of zero area were left out")
+    mesh, strays = without_strays(given)
+    assumptions += strays
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     norm = normalisation(mesh)
     solid = _solid(mesh, norm)
-    assumptions, flipped = _repairs(solid), solid.flipped
+    flipped, refusal = solid.flipped, None
+    assumptions += _repairs(solid)
     if len(mesh.faces) > MOST_FACES:
         assumptions.append(
             f"the fit works on {len(solid.given)} faces, simplified from {len(mesh.faces)}; "
             "the error is measured against all of them"
         )
-    if mesh.dropped:
-        assumptions.append(f"{mesh.dropped} faces of zero area were left out")
-    refusal = None
     if thicken is not None:
         thickness = thicken.in_units(diagonal)
         check_thickness(thickness, diagonal, mesh.name)
         if solid.open:
             assumptions.append(
-                f"sheets, {100 * solid.open:.1f} % of what is seen from outside, got a wall of {thickness:.4g}"
+                f"sheets, {percent(solid.open)} of what is seen from outside, got a wall of {thickness:.4g}"
             )
             mesh = thickened(solid, norm, thickness, mesh.name)
             norm = normalisation(mesh)
@@ -85,17 +93,74 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
         if bare.any():
             share = solid.areas[bare].sum() / solid.areas.sum()
             assumptions.append(
-                f"sheets without thickness, {100 * share:.1f} % of the surface, were left out; "
-                "--thicken gives them a wall"
+                f"sheets without thickness, {percent(share)} of the surface, {_place(solid, norm, bare)}, "
+                "were left out; --thicken gives them a wall"
             )
             used, numbers = np.unique(solid.faces[~bare], return_inverse=True)
-            solid = Solid(solid.vertices[used], numbers.reshape(-1, 3).astype(np.int64))
+            kept = checked(solid.vertices[used] * norm.scale + np.array(norm.centre), numbers.reshape(-1, 3), mesh.name)
+            # The frame is that of what is kept; the error is measured against what was given.
+            given_vertices, norm = reference[0] * norm.scale + np.array(norm.centre), normalisation(kept)
+            solid = _solid(kept, norm)
+            reference = norm.apply(given_vertices), reference[1]
     if not refusal and solid.behind > ROUNDING:
         assumptions.append(
-            f"the surface is open: {100 * solid.behind:.1f} % of the rays from outside came in through a hole, "
+            f"the surface is open: {percent(solid.behind)} of the rays from outside came in through a hole, "
             "which comes back closed"
         )
+    if not refusal and solid.closed:
+        # Of a plate it is the thickness, of a rod half of it.
+        thickness = 2 * abs(solid.signed_volume) / float(solid.areas.sum())
+        if thickness < BOX_STEP:
+            refusal = (
+                f"{mesh.name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / BOX_STEP:.0f}th of its size: "
+                "thinner than a file can tell; thicken it"
+            )
     return Prepared(given, flipped, norm, solid, reference, diagonal, assumptions, refusal)
+
+
+def percent(share: float) -> str:
+    """A share in words that do not make nothing of little."""
+    return "under 0.1 %" if 0 < share < 0.001 else f"{100 * share:.1f} %"
+
+
+def counted(number: int, word: str = "part") -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
+def without_strays(mesh: Mesh) -> tuple[Mesh, list[str]]:
+    """The mesh without what is far away and next to nothing, and a line that names it.
+
+    The frame reaches to the farthest vertex, and what a file can tell is a share of it: specks that make the frame
+    FAR_AWAY times as large take as much of the detail of everything else.
+    """
+    component = connected(mesh.faces[:, :2].ravel(), mesh.faces[:, 1:].ravel(), len(mesh.vertices))
+    count = int(component.max()) + 1
+    if count == 1:
+        return mesh, []
+    of_face = component[mesh.faces[:, 0]]
+    order = np.argsort(component, kind="stable")
+    starts = np.flatnonzero(np.diff(component[order], prepend=-1))
+    lo, hi = (f.reduceat(mesh.vertices[order], starts) for f in (np.minimum, np.maximum))
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    areas = np.bincount(of_face, weights=np.linalg.norm(np.cross(b - a, c - a), axis=1), minlength=count)
+    by_area = np.argsort(areas, kind="stable")
+    small = np.zeros(count, dtype=bool)
+    small[by_area[np.cumsum(areas[by_area]) <= SPECKS * areas.sum()]] = True
+    # What is large, and the small parts about it, which widen its box to no more than FAR_AWAY times.
+    low, high = lo[~small].min(axis=0), hi[~small].max(axis=0)
+    middle, reach = low / 2 + high / 2, FAR_AWAY * float(np.linalg.norm(high - low)) / 2
+    away = small & (np.linalg.norm(np.maximum(hi - middle, middle - lo), axis=1) > reach)
+    if not away.any():
+        return mesh, []
+    faces = away[of_face]
+    at = (lo[away] / 2 + hi[away] / 2)[0]
+    where = f"at about ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g})" + (" and elsewhere" if away.sum() > 1 else "")
+    kept = checked(mesh.vertices, mesh.faces[~faces], mesh.name)
+    return kept, [
+        f"{counted(int(away.sum()), 'tiny part')} far away ({counted(int(faces.sum()), 'face')}, "
+        f"{percent(areas[away].sum() / areas.sum())} of the surface, {where}) left out, of the errors too: to reach so "
+        "far would cost everything else its detail"
+    ]
 
 
 def solid_or_error(prepared: Prepared) -> Solid:
@@ -127,13 +192,20 @@ def _bare(solid: Solid) -> npt.NDArray[np.bool_]:
     return solid.sheet & (inside < whole / 2)[patch]
 
 
+def _place(solid: Solid, norm: Normalisation, faces: npt.NDArray[np.bool_]) -> str:
+    """Where some faces are, in input coordinates."""
+    corners = solid.vertices[solid.faces[faces]].reshape(-1, 3) * norm.scale + np.array(norm.centre)
+    lo, hi = (", ".join(f"{x:.3g}" for x in end) for end in (corners.min(axis=0), corners.max(axis=0)))
+    return f"between ({lo}) and ({hi})"
+
+
 def _repairs(solid: Solid) -> list[str]:
     repaired, out = solid.repaired, []
     if solid.flipped > ROUNDING:
-        out.append(f"{100 * solid.flipped:.1f} % of the surface faced inward and was turned round")
+        out.append(f"{percent(solid.flipped)} of the surface faced inward and was turned round")
     doubled = solid.areas[repaired.doubled].sum() / solid.areas.sum()
     if doubled > ROUNDING:
-        out.append(f"{100 * doubled:.1f} % of the surface was given in both orientations and is taken once")
+        out.append(f"{percent(doubled)} of the surface was given in both orientations and is taken once")
     if repaired.repeated:
         out.append(f"{repaired.repeated} faces were copies of others and were left out")
     if repaired.dropped_pairs:

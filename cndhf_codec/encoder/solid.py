@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import require
-from .repair import repair
+from .repair import edges_of, repair
 from .verify import point_distances
 
 RAYS_AT_ONCE = 2**18
@@ -50,8 +50,8 @@ class Solid:
         inward = self._look_from_outside()
         self.faces[inward] = self.faces[inward][:, ::-1]
         self.normals[inward] *= -1
-        # A face that was given in both orientations has none to be reversed.
-        flipped = (repaired.turned ^ inward) & ~repaired.doubled
+        # A face that was given in both orientations has none to be reversed, and a sheet has no inside to look from.
+        flipped = (repaired.turned ^ inward) & ~repaired.doubled & ~self.sheet
         self.flipped = float(self.areas[flipped].sum() / self.areas.sum())
 
     def first_hits(
@@ -69,7 +69,7 @@ class Solid:
     def contains(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
         """Inside test: the winding number is above 1/2. That closes holes of the surface, and takes overlapping parts
         as one. Barill et al., "Fast Winding Numbers for Soups and Clouds" (2018)."""
-        return self._winding_numbers(points) > 0.5
+        return self.winding_numbers(points) > 0.5
 
     def distances(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
         """(N,) distance of points (N, 3) from the solid's boundary: from its faces, and about that from what closes its
@@ -81,10 +81,21 @@ class Solid:
         wide = np.ascontiguousarray(points, dtype=np.float64)
         distance = point_distances(wide, self.vertices, self.faces)
         if self.repaired.open_patch.any():
-            distance *= np.minimum(np.abs(2 * self._winding_numbers(wide) - 1), 1)
+            distance *= np.minimum(np.abs(2 * self.winding_numbers(wide) - 1), 1)
         return distance
 
-    def _winding_numbers(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    @property
+    def closed(self) -> bool:
+        """Whether faces run along every edge as often one way as the other: then winding numbers are whole."""
+        return not edges_of(self.faces, len(self.vertices)).net.any()
+
+    @property
+    def signed_volume(self) -> float:
+        """What its faces enclose, once for each time that they go round it; of a closed surface."""
+        return float(signed_volumes(self.vertices, self.faces).sum())
+
+    def winding_numbers(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+        """(N,) how often the surface goes round points (N, 3)."""
         igl = require("igl", "encode")
         wide = np.ascontiguousarray(points, dtype=np.float64)
         return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide))
@@ -99,6 +110,9 @@ class Solid:
             hit = hit[hit >= 0]
             for side, at in enumerate((hit[self.normals[hit] @ direction > 0], hit[self.normals[hit] @ direction < 0])):
                 seen[side] += np.bincount(patch[at], minlength=seen.shape[1])
+        if not seen.any():  # thinner than the rays lie apart: a closed patch looks outward when its volume is positive
+            volumes = np.bincount(patch, weights=signed_volumes(self.vertices, self.faces))
+            seen[1] = (volumes < 0) & ~self.repaired.open_patch
         rays, behind = np.maximum(seen.sum(axis=0), 1), seen.min(axis=0)
         sheet = behind > SHEET * rays
         self.behind = float(behind.sum() / rays.sum())
@@ -111,6 +125,12 @@ def _cross(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> n
     """(M, 3) normals of faces, twice their areas long."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
+
+
+def signed_volumes(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """(M,) volumes between faces and the middle of all vertices: of a closed surface they add up to its volume."""
+    a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
+    return np.asarray((np.cross(a, b) * c).sum(axis=1)) / 6
 
 
 def _directions(n: int) -> npt.NDArray[np.float64]:

@@ -108,9 +108,10 @@ def _of_file(path: Path) -> Mesh:
     if suffixes and suffixes[-1] in PACKED.values():
         suffixes.pop()
     kind = suffixes[-1][1:] if suffixes else ""
-    if is_file and kind not in READERS:  # a pipe has no extension
+    if is_file and kind and kind not in READERS:  # a pipe has no extension, or any
         raise InputError(
-            f"{path}: unknown mesh extension; these are read: {', '.join(EXTENSIONS)}, and .gz, .bz2, .xz, .zst of them"
+            f"{path}: unknown mesh extension; these are read: {', '.join(EXTENSIONS)}, "
+            "and .gz, .bz2, .xz, .zst of them; convert it, or rename it if it is one of them"
         )
     return _of_bytes(read_bytes(path, MOST_BYTES), str(path), kind if kind in READERS else None, _beside(path))
 

@@ -17,8 +17,8 @@ from ..mesh.read import read_mesh
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file, and a line for
-    each thing in it that was not read as it stands."""
+    """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file, and notes: a
+    line for each thing in it that was not read as it stands."""
 
     vertices: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64]
