@@ -102,3 +102,20 @@ def test_copies_and_their_vertices_are_counted(monkeypatch):
     unused = MODEL.replace("</vertices>", '<vertex x="0" y="0" z="0"/>' * 7 + "</vertices>")
     items = unused.replace("<build>", "<build>" + '<item objectid="1"/>' * 4)
     assert "40 vertices; at most 30" in refusal(threemf(items))
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [1, 3, 2, 4, 5] * 6000,  # the sides cross
+        [*range(1, 5001), 5001],  # all on a line but one
+    ],
+)
+def test_polygons_of_thousands_of_corners(corners):
+    """They took seconds, and more than the minute after which the first was stopped."""
+    vertices = "".join(f"v {k} 0 0\n" for k in range(5000)) + "v 0 1 0\n"
+    if max(corners) < 6:
+        vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 2 0\nv 3 1 1\n"
+    mesh = read_mesh(io.BytesIO(f"{vertices}f {' '.join(map(str, corners))}\n".encode()))
+    assert len(mesh.faces) > 100
+    assert any("was guessed" in note for note in mesh.notes) == (max(corners) < 6)

@@ -6,11 +6,16 @@ there. earcut gives such corners triangles of no area in half of the polygons th
 
 from __future__ import annotations
 
+import bisect
+import heapq
+import itertools
+
 import numpy as np
 
 from .common import F64, I64, check_count
 
 FANS = 64  # corners up to which every fan of a polygon is tried before ears are cut
+FEW = 24  # numbers that Python looks at sooner than numpy
 FLAT = 1e-12  # of the squared size: a corner that turns by less does not turn
 
 
@@ -96,36 +101,69 @@ def _ears(points: list[list[float]]) -> tuple[list[tuple[int, int, int]], bool]:
 
     An ear is a corner that turns to the left, and in whose triangle no corner lies that does not.
     """
-    x = np.array(points)
     ring = [k for k in range(len(points)) if points[k] != points[k - 1]]  # doubled corners are one
     if len(ring) < 3:
         return [], True
     after = dict(zip(ring, ring[1:] + ring[:1], strict=True))
     before = {b: a for a, b in after.items()}
     turns = {k: _turn(points[before[k]], points[k], points[after[k]]) for k in ring}
-    blunt = {k for k in ring if turns[k] <= FLAT}
-    cuts = {k: _cut(x, points, before[k], k, after[k], blunt, turns[k]) for k in ring}
-    out, simple = [], True
+    blunt = _Blunt(points)
+    for k in ring:
+        if turns[k] <= FLAT:
+            blunt.add(k)
+    cuts: dict[int, float] = {}  # squared lengths, infinite for what is no ear
+    waiting: list[tuple[float, int]] = []  # a heap of those that are finite, and of some that are no longer so
+    blocked: dict[int, list[int]] = {}  # by the blunt corners at which place
+    freed: set[int] = set()  # may be ears, since what blocked them is no longer blunt
+
+    def look(k: int) -> None:
+        cuts[k] = np.inf
+        if turns[k] > FLAT:
+            a, c = before[k], after[k]
+            within = blunt.within(a, k, c)
+            if within is not None:
+                blocked.setdefault(within, []).append(k)
+            else:
+                cuts[k] = (points[a][0] - points[c][0]) ** 2 + (points[a][1] - points[c][1]) ** 2
+                heapq.heappush(waiting, (cuts[k], k))
+
+    def shortest() -> int | None:
+        while waiting and cuts.get(waiting[0][1]) != waiting[0][0]:
+            heapq.heappop(waiting)
+        return waiting[0][1] if waiting else None
+
+    for k in ring:
+        look(k)
+    out: list[tuple[int, int, int]] = []
+    simple = True
     while len(after) > 3:
-        best = min(cuts, key=lambda k: (cuts[k], k))
-        if cuts[best] == np.inf:
-            # What blocked an ear may have been cut meanwhile. Else: two sides cross, or only flat corners are left.
-            cuts = {k: _cut(x, points, before[k], k, after[k], blunt, turns[k]) for k in after}
-            best = min(cuts, key=lambda k: (cuts[k], k))
-            if cuts[best] == np.inf:
-                best = max(turns, key=lambda k: (turns[k], -k))
-                simple = simple and all(abs(turn) <= FLAT for turn in turns.values())
+        best = shortest()
+        if best is None:
+            for k in freed:
+                if k in after:
+                    look(k)
+            freed.clear()
+            best = shortest()
+        if best is None:  # two sides cross, or only flat corners are left
+            simple = simple and all(abs(turn) <= FLAT for turn in turns.values())
+            if len(after) > FANS:
+                rest = [k := next(iter(after)), *(k := after[k] for _ in range(len(after) - 1))]
+                return [*out, *((rest[0], b, c) for b, c in itertools.pairwise(rest[1:]))], simple
+            best = max(turns, key=lambda k: (turns[k], -k))
         a, c = before[best], after[best]
         out.append((a, best, c))
         after[a], before[c] = c, a
         for gone in (after, before, turns, cuts):
             del gone[best]
-        blunt.discard(best)
         for k in (a, c):
             turns[k] = _turn(points[before[k]], points[k], points[after[k]])
-            blunt = blunt | {k} if turns[k] <= FLAT else blunt - {k}
+        for k in (a, best, c):
+            if turns.get(k, np.inf) <= FLAT:
+                blunt.add(k)
+            elif (place := blunt.discard(k)) is not None:
+                freed.update(blocked.pop(place, ()))
         for k in (a, c):
-            cuts[k] = _cut(x, points, before[k], k, after[k], blunt, turns[k])
+            look(k)
     k = next(iter(after))
     return [*out, (before[k], k, after[k])], simple and turns[k] >= -FLAT
 
@@ -135,17 +173,54 @@ def _turn(a: list[float], b: list[float], c: list[float]) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-def _cut(x: F64, points: list[list[float]], a: int, b: int, c: int, blunt: set[int], turn: float) -> float:
-    """Squared length of the cut from a to c that takes the ear b off, infinite where b is no ear."""
-    if turn <= FLAT:
-        return np.inf
-    near = x[list(blunt)]
-    corners = x[[a, b, c]]
-    inside = np.ones(len(near), dtype=bool)
-    for p, q in ((0, 1), (1, 2), (2, 0)):
-        side, way = corners[q] - corners[p], near - corners[p]
-        inside &= side[0] * way[:, 1] - side[1] * way[:, 0] >= 0
-    inside &= (near[:, None] != corners).any(axis=2).all(axis=1)  # a corner at the same place as one of its own
-    if inside.any():
-        return np.inf
-    return (points[a][0] - points[c][0]) ** 2 + (points[a][1] - points[c][1]) ** 2
+class _Blunt:
+    """Where the corners of a polygon are that do not turn to the left, sorted by their first coordinates."""
+
+    def __init__(self, points: list[list[float]]) -> None:
+        places = sorted({(x, y) for x, y in points})
+        number = {place: k for k, place in enumerate(places)}
+        self._of = [number[x, y] for x, y in points]
+        self._places, self._x = places, [x for x, _ in places]
+        self._array = np.array(places).T.copy()
+        self._at = [set[int]() for _ in places]
+        self._any = bytearray(len(places))  # whether there is one
+        self._mask = np.frombuffer(self._any, dtype=np.bool_)
+
+    def add(self, corner: int) -> None:
+        place = self._of[corner]
+        self._at[place].add(corner)
+        self._any[place] = 1
+
+    def discard(self, corner: int) -> int | None:
+        """The place, if this was the last one there."""
+        place = self._of[corner]
+        if corner not in self._at[place]:
+            return None
+        self._at[place].remove(corner)
+        self._any[place] = bool(self._at[place])
+        return None if self._at[place] else place
+
+    def within(self, a: int, b: int, c: int) -> int | None:
+        """A place of some in the triangle of these corners, which is none of theirs."""
+        own = [self._of[k] for k in (a, b, c)]
+        (ax, ay), (bx, by), (cx, cy) = (self._places[k] for k in own)
+        begin = bisect.bisect_left(self._x, min(ax, bx, cx) - FLAT)
+        end = bisect.bisect_right(self._x, max(ax, bx, cx) + FLAT)
+        if self._any.count(1, begin, end) > FEW:
+            x, y = self._array[:, begin:end]
+            inside = self._mask[begin:end] & ((bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0)
+            inside &= (cx - bx) * (y - by) - (cy - by) * (x - bx) >= 0
+            inside &= (ax - cx) * (y - cy) - (ay - cy) * (x - cx) >= 0
+            return next((k for k in (begin + np.flatnonzero(inside)[:4]).tolist() if k not in own), None)
+        k = self._any.find(1, begin, end)
+        while k >= 0:
+            x, y = self._places[k]
+            if (
+                (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
+                and (cx - bx) * (y - by) - (cy - by) * (x - bx) >= 0
+                and (ax - cx) * (y - cy) - (ay - cy) * (x - cx) >= 0
+                and k not in own
+            ):
+                return k
+            k = self._any.find(1, k + 1, end)
+        return None
