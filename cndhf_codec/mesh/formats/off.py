@@ -53,7 +53,7 @@ def read_off(data: bytes) -> Triangles:
             )
         vertices = vertices[:, :3] / vertices[:, 3:]
     starts = np.cumsum(sizes) - sizes
-    check_indices(corners, len(vertices), lambda k: f"face {np.searchsorted(starts, k, 'right')}")
+    check_indices(corners, len(vertices), lambda k: f"face {np.searchsorted(starts, k, 'right') - 1}")
     faces, more = triangulate(vertices, corners, sizes)
     return Triangles(vertices, faces, notes + more)
 
@@ -86,7 +86,10 @@ def _take_counts(lines: list[str], places: list[int]) -> tuple[int, int]:
     if not lines:
         raise UnreadableError("ends before the numbers of vertices and faces")
     words, where = lines[0].split(), f"line {places[0]}"
-    if not 2 <= len(words) <= 3 or not all(w.isascii() and w.isdigit() for w in words):
+    if not 2 <= len(words) <= 3:  # lines end anywhere: the next three words
+        words, *rest = [" ".join(lines).split(None, 3)[:3], *" ".join(lines).split(None, 3)[3:]]
+        lines[1:], places[1:] = rest, places[:1] * len(rest)
+    if len(words) < 2 or not all(w.isascii() and w.isdigit() for w in words):
         raise UnreadableError(f"{where}: {shown(lines[0])} where the numbers of vertices, faces and edges should stand")
     vertices, faces = (whole(word, where) for word in words[:2])
     del lines[0], places[0]

@@ -116,7 +116,7 @@ def read_ply(data: bytes) -> Triangles:
     for name, (values, sizes) in parts:
         if name == "face":
             starts = np.cumsum(sizes) - sizes
-            check_indices(values, len(vertices), lambda k, s=starts: f"face {np.searchsorted(s, k, 'right')}")  # type: ignore[misc]
+            check_indices(values, len(vertices), lambda k, s=starts: f"face {np.searchsorted(s, k, 'right') - 1}")  # type: ignore[misc]
             out.append(Triangles(vertices, *triangulate(vertices, values, sizes)))
         else:
             out.append(Triangles(vertices, _strips(values, sizes)))
