@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
-from test_read import lumps, write_every_format
+from shapes import lumps, write_every_format
 
 from cndhf_codec import encode, loads
 from cndhf_codec.decoder.meshfile import write_mesh
