@@ -23,6 +23,14 @@ MODEL = """<model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/
 <triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object><object id="2"><components>
 <component objectid="1" FAR/></components></object></resources>
 <build><item objectid="1"/></build></model>""".replace("FAR", FAR)
+STL = """solid a_b
+facet normal 0 0 1 outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 1 0
+endloop endfacet
+endsolid a_b
+"""
 
 
 def refusal(data: str | bytes) -> str:
@@ -52,6 +60,7 @@ def threemf(text: str | bytes, name: str = "3D/3dmodel.model", method: int = zip
 def test_the_files_are_read_unchanged():
     assert len(read_mesh(io.BytesIO(gltf().encode())).faces) == 1
     assert len(read_mesh(io.BytesIO(threemf(MODEL))).faces) == 1
+    assert len(read_mesh(io.BytesIO(STL.encode())).faces) == 1
 
 
 @pytest.mark.parametrize(
@@ -66,6 +75,7 @@ def test_the_files_are_read_unchanged():
         (b"\0" * 80 + b"\1\0\0\0" + b"\1\0\x80\x7f" * 12 + b"\0\0", "NaN or infinite"),
         ("4OFF\n3 1\n1e308 0 0 1e-320\n1 0 0 1\n0 1 0 1\n3 0 1 2\n", "NaN or infinite"),
         ("v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 .5 0\nv 0 1e999 0\nf 1 2 3\nf 1 2 3 4 5\n", "NaN or infinite"),
+        (STL.replace("1 0 0", "1_0 0 0"), "line 2: '1_0' is no number"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf\n", "has no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf # 1 2 3\n", "has no faces"),
         (threemf(MODEL.replace('<item objectid="1"', f'<item objectid="2" {FAR}')), "NaN or infinite"),

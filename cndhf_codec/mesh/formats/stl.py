@@ -102,12 +102,20 @@ def _ascii(data: bytes) -> Triangles:
     if not words:
         raise UnreadableError("holds no triangles: a solid without facets")
     try:
+        if b"_" in data and any(b"_" in word for word in words):
+            raise ValueError("Python reads 1_0 as 10")
         corners = np.array(words, dtype=np.float64).reshape(-1, 3)
     except ValueError:
-        rows = [[number(w.decode("latin-1"), f"line {_line(data, starts[k // 9])}") for w in words[k : k + 9]]
-                for k in range(0, len(words), 9)]  # fmt: skip
-        corners = np.array(rows).reshape(-1, 3)
+        corners = np.array([_number(word, data, starts[k // 9]) for k, word in enumerate(words)]).reshape(-1, 3)
     return _soup(corners, notes)
+
+
+def _number(word: bytes, data: bytes, at: int) -> float:
+    """As `number`; the line of the facet at this byte is looked for only when it is to be told, since that takes long."""
+    try:
+        return number(word.decode("latin-1"), "")
+    except UnreadableError:
+        return number(word.decode("latin-1"), f"line {_line(data, at)}")
 
 
 def _line(data: bytes, at: int) -> int:
