@@ -111,7 +111,7 @@ def _ascii(data: bytes) -> Triangles:
 
 
 def _number(word: bytes, data: bytes, at: int) -> float:
-    """As `number`; the line of the facet at this byte is looked for only when it is to be told, since that takes long."""
+    """As `number`; the line of the facet at this byte is looked for only when it is to be told: that takes long."""
     try:
         return number(word.decode("latin-1"), "")
     except UnreadableError:
