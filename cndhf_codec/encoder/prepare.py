@@ -195,7 +195,9 @@ def _bare(solid: Solid) -> npt.NDArray[np.bool_]:
 def _place(solid: Solid, norm: Normalisation, faces: npt.NDArray[np.bool_]) -> str:
     """Where some faces are, in input coordinates."""
     corners = solid.vertices[solid.faces[faces]].reshape(-1, 3) * norm.scale + np.array(norm.centre)
-    lo, hi = (", ".join(f"{x:.3g}" for x in end) for end in (corners.min(axis=0), corners.max(axis=0)))
+    ends = np.stack([corners.min(axis=0), corners.max(axis=0)])
+    ends = np.round(ends, 3 - int(np.ceil(np.log10(np.ptp(ends, axis=0).max())))) + 0.0  # thousandths of their size
+    lo, hi = (", ".join(f"{x:g}" for x in end) for end in ends)
     return f"between ({lo}) and ({hi})"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
@@ -68,6 +69,7 @@ def test_encode_decode_info(run, box, tmp_path):
     assert (code, err) == (0, "")
     assert f"{target}: {target.stat().st_size} bytes" in out
     assert "error in input units" in out
+    assert "input: 1 part, volume 0.125; result: 1 part, volume 0.1" in out
 
     code, out, err = run("decode", target, mesh, "--resolution", "32")
     assert (code, err) == (0, "")
@@ -191,6 +193,53 @@ def test_decode_from_and_to_a_stream(run, model, tmp_path, extension):
     assert done.stdout == (tmp_path / f"a.{extension}").read_bytes()
 
 
+ENCODE = [sys.executable, "-c", "from cndhf_codec import cli; cli.encode()"]
+
+
+def test_check_of_the_standard_input(box):
+    for name in ("-", "/dev/stdin"):
+        done = subprocess.run([*ENCODE, "--check", name], input=box.read_bytes(), capture_output=True, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert b": 12 faces, 8 vertices" in done.stdout
+    done = subprocess.run([*ENCODE, "--check", "-"], input=b"<html></html>", capture_output=True, check=False)
+    assert (done.returncode, done.stdout) == (1, b"")
+    assert done.stderr.startswith(b"cndhf-encode: error: standard input: is a web page")
+
+
+@pytest.mark.usefixtures("tiny")
+def test_encode_from_and_to_a_stream(run, box, tmp_path, monkeypatch, capfdbinary):
+    options = ["--preset", "fast", "--seed", "3", "--threads", "1"]
+    with open(box, "rb") as file:
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(file))
+        code, _, err = run("encode", "-", tmp_path / "a.cndhf", *options)
+    assert (code, err) == (0, b"")
+    # What goes to the standard output is the file and nothing else.
+    written = io.TextIOWrapper(io.BytesIO())
+    monkeypatch.setattr("sys.stdout", written)
+    code, _, err = run("encode", box, "-", *options)
+    assert (code, err) == (0, b"")
+    assert written.buffer.getvalue() == (tmp_path / "a.cndhf").read_bytes()
+
+
+def test_no_output_replaces_its_input(fails, box, model, tmp_path):
+    (tmp_path / "link").symlink_to(box)
+    os.link(box, tmp_path / "twin")
+    before = box.read_bytes()
+    for target in (box, tmp_path / "link", tmp_path / "twin"):
+        assert "is the input itself" in fails(1, "encode", box, target, "--overwrite")
+    own = tmp_path / "own.ply"
+    own.write_bytes(model.read_bytes())
+    assert "is the input itself" in fails(1, "decode", own, own, "--overwrite")
+    assert "is the input itself" in fails(1, "compare", box, box, "--html", box, "--overwrite")
+    assert box.read_bytes() == before
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/null"), reason="no devices here")
+def test_no_output_replaces_a_device(fails, box, model):
+    assert "is no regular file" in fails(1, "encode", box, "/dev/null", "--overwrite")
+    assert "is no regular file" in fails(1, "decode", model, "/dev/null", "--overwrite", "--occupancy", "/dev/null")
+
+
 def test_a_stream_with_a_grid_beside_it_carries_the_mesh_only(model, tmp_path):
     code = "from cndhf_codec import cli; cli.decode()"
     options = ["--format", "off", "--resolution", "16", "--occupancy", tmp_path / "a.npz"]
@@ -289,13 +338,16 @@ def cloth(tmp_path) -> Path:
 def test_check(run, box, tmp_path):
     code, out, err = run("encode", box, "--check")
     assert (code, err) == (0, "")
-    assert out.startswith(f"{box}: 12 faces, 8 vertices, 1 components\n")
+    assert out.startswith(f"{box}: 12 faces, 8 vertices, 1 component\n")
     assert out.endswith("would be encoded\n")
+    out_of_check = out
     code, out, err = run("encode", "--check", "--json", box)
     assert (code, err) == (0, "")
     found = json.loads(out)
     assert (found["faces"], found["refusal"], found["hidden"]) == (12, None, 0)
-    assert found["volume"] == pytest.approx(0.125, rel=0.01)
+    assert found["volume"] == pytest.approx(0.125)
+    assert "1 part apart from each other, volume 0.125\n" in out_of_check
+    assert "0.0 %" not in out_of_check
     assert os.listdir(tmp_path) == ["box.ply"]
 
 

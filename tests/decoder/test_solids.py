@@ -117,7 +117,7 @@ def test_bisection_fits_together_at_any_density():
 
 def test_a_plate_thinner_than_any_cell():
     model = analytic.model(slab((-0.5, -0.5, 0), (0.5, 0.5, 2**-10)))
-    with pytest.raises(SurfaceError, match="thinner than a voxel"):
+    with pytest.warns(UserWarning, match="thinner than a cell"), pytest.raises(SurfaceError, match="than a voxel"):
         model.to_mesh(256)
     for options in ({}, {"max_error": 2**-12}, {"faces": 12}):
         mesh = model.to_mesh(method="intersection", **options)

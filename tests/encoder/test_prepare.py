@@ -77,7 +77,8 @@ def test_a_solid_with_a_sheet_keeps_its_solid():
     plain = prepare(mesh)
     assert plain.refusal is None
     assert plain.assumptions == [
-        "sheets without thickness, 5.7 % of the surface, were left out; --thicken gives them a wall"
+        "sheets without thickness, 5.7 % of the surface, between (-0.3, 0, 0.5) and (0.3, 0, 1.1), "
+        "were left out; --thicken gives them a wall"
     ]
     assert is_closed_and_outward(plain.solid, plain.norm.scale**-3)
     assert len(plain.reference[1]) == len(mesh.faces)  # the error tells of what was left out
@@ -125,11 +126,14 @@ def test_the_report_says_what_was_assumed_hidden_and_measured():
     report = encode_with_report(trimesh.util.concatenate([shell, inner]), "fast")[1]
     assert report.visible == pytest.approx(0.8, abs=0.02)
     assert report.flipped == pytest.approx(0.8)
-    assert [line.split(" % ")[1] for line in report.warnings] == [
+    assert [line.split(" % ")[1] for line in report.warnings[:2]] == [
         "of the surface faced inward and was turned round",
         "of the surface is hidden from every axis (cavities, inner parts) and comes back filled",
     ]
     assert report.distances.chamfer > 0
+    assert (report.bodies.parts, report.bodies.minor, report.decoded.parts) == (1, 0, 1)
+    assert report.bodies.volume == pytest.approx(8, rel=5e-3)
+    assert report.decoded.volume == pytest.approx(8, rel=0.3)
 
 
 def test_very_large_meshes_are_simplified_for_the_fit(monkeypatch):
@@ -142,3 +146,77 @@ def test_very_large_meshes_are_simplified_for_the_fit(monkeypatch):
     np.testing.assert_allclose(np.linalg.norm(prepared.solid.vertices, axis=1), 1, atol=5e-3)
     assert len(prepared.reference[1]) == len(ball.faces)
     assert "simplified from 20480" in prepared.assumptions[0]
+
+
+def with_stray(*strays: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.util.concatenate([trimesh.creation.icosphere(3), *strays])
+
+
+def speck(size: float, at: float) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box([size] * 3)
+    mesh.apply_translation([at, 0, 0])
+    return mesh
+
+
+def test_a_speck_far_away_does_not_decide_the_frame():
+    triangle = trimesh.Trimesh([[200, 0, 0], [200.1, 0, 0], [200, 0.1, 0]], [[0, 1, 2]], process=False)
+    for stray, faces in ((triangle, 1), (speck(0.01, -200), 12)):
+        prepared = prepare(with_stray(stray))
+        assert prepared.norm.scale == pytest.approx(1, rel=1e-3)
+        assert len(prepared.solid.faces) == len(prepared.reference[1]) == len(trimesh.creation.icosphere(3).faces)
+        assert prepared.diagonal < 4
+        (line,) = prepared.assumptions
+        assert line.startswith(f"1 tiny part far away ({faces} face")
+        assert "200" in line
+        assert prepared.refusal is None
+
+
+def test_specks_nearby_and_parts_far_away_stay():
+    for stray in (speck(0.01, 1.5), speck(1, 20), speck(1, 200)):
+        prepared = prepare(with_stray(stray))
+        assert prepared.assumptions == []
+        assert len(prepared.solid.faces) == len(trimesh.creation.icosphere(3).faces) + 12
+    # Many equal ones are the shape, however far apart.
+    assert prepare(trimesh.util.concatenate([speck(0.01, 5 * k) for k in range(2000)])).assumptions == []
+
+
+def test_the_frame_is_that_of_what_is_kept():
+    flag = sheet().apply_scale(0.8).apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh = trimesh.util.concatenate([box(*CUBE), flag.apply_translation([0, 0, 1.5])])
+    prepared = prepare(mesh)
+    assert prepared.refusal is None
+    assert prepared.norm.scale == pytest.approx(np.sqrt(0.75), rel=1e-3)
+    (line,) = prepared.assumptions
+    assert "between (-0.4, " in line
+    assert ", 1.9)" in line
+    # The error is still measured against everything.
+    vertices, faces = prepared.reference
+    assert len(faces) == 12 + len(flag.faces)
+    top = vertices.max(axis=0)[2] * prepared.norm.scale + prepared.norm.centre[2]
+    assert top == pytest.approx(1.9)
+
+
+@pytest.mark.parametrize("thickness", [1e-5, 1e-7])
+def test_what_is_too_thin_for_a_file_is_refused(thickness):
+    refusal = prepare(trimesh.creation.box((1, 1, thickness))).refusal
+    assert refusal is not None
+    assert "thinner than a file can tell" in refusal
+    assert prepare(trimesh.creation.box((1, 1, 1e-3))).refusal is None
+
+
+def test_nothing_is_called_turned_of_a_sheet():
+    cloth = sheet()
+    cloth.faces[::2] = cloth.faces[::2][:, ::-1]
+    assert not any("turned" in line for line in prepare(cloth).assumptions)
+    assert prepare(cloth).flipped == 0
+
+
+def test_small_shares_are_not_called_none():
+    assert [module.percent(x) for x in (0, 1e-5, 0.001, 0.5)] == ["0.0 %", "under 0.1 %", "0.1 %", "50.0 %"]
+
+
+def test_notes_of_the_file_are_told(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box().export(path)
+    path.write_bytes(path.read_bytes() + b"tail")
+    assert any("4 bytes behind them" in line for line in prepare(path).assumptions)
