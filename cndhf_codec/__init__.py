@@ -16,14 +16,15 @@ if TYPE_CHECKING:
     from .decoder.model import Model, load, loads, loads_prefix
     from .encoder.check import Check, check
     from .encoder.pipeline import encode
-    from .errors import CndhfError
+    from .errors import CndhfError, CndhfWarning
 
 __version__ = "0.1.0"
-__all__ = ["Check", "CndhfError", "Limits", "Model", "check", "encode", "load", "loads", "loads_prefix"]
+__all__ = ["Check", "CndhfError", "CndhfWarning", "Limits", "Model", "check", "encode", "load", "loads", "loads_prefix"]
 
 _HOMES = {
     "Check": "encoder.check",
     "CndhfError": "errors",
+    "CndhfWarning": "errors",
     "Limits": "decoder.limits",
     "Model": "decoder.model",
     "check": "encoder.check",

@@ -13,6 +13,10 @@ class CndhfError(Exception):
     """Base of all errors raised on purpose by this package."""
 
 
+class CndhfWarning(UserWarning):
+    """What had to be assumed, and what a user should know of before trusting a result."""
+
+
 class FormatError(CndhfError):
     """The bytes are not a valid `.cndhf` file. Base of the errors below."""
 

@@ -8,8 +8,11 @@ from __future__ import annotations
 import importlib
 import io
 import sys
+import warnings
+from functools import partial
+from typing import Any
 
-from ..errors import CndhfError, OptionError, require
+from ..errors import CndhfError, CndhfWarning, OptionError, require
 
 
 def encode() -> None:
@@ -47,7 +50,9 @@ def _run(name: str) -> int:
     command = importlib.import_module(f".{name}", __name__).command
     globals()[name] = script
     try:
-        return int(command.main(prog_name=program, standalone_mode=False) or 0)
+        with warnings.catch_warnings():
+            warnings.showwarning = partial(_show_warning, program)
+            return int(command.main(prog_name=program, standalone_mode=False) or 0)
     except click.ClickException as exc:
         return _fail(program, f"{exc.format_message()} (see {program} --help)", exc.exit_code)
     except OptionError as exc:
@@ -60,6 +65,15 @@ def _run(name: str) -> int:
         return _fail(program, "interrupted; nothing was written", 130)
     except MemoryError:
         return _fail(program, "out of memory; use a smaller mesh or a lower --resolution", 1)
+
+
+def _show_warning(program: str, message: Warning | str, category: type[Warning], *place: Any, **_: Any) -> None:
+    """A line for what this package has to say, and Python's own words for the rest."""
+    if issubclass(category, CndhfWarning):
+        text = f"{program}: warning: {' '.join(str(message).split())}\n"
+    else:
+        text = warnings.formatwarning(message, category, *place[:2])
+    sys.stderr.write(text)
 
 
 def _fail(program: str, message: str, code: int) -> int:

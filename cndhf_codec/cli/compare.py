@@ -22,10 +22,12 @@ from ..files import check_output, write_atomically
     help="Write a page with pictures of both and of the error.",
 )
 @click.option("--up", type=click.Choice(["y", "z"]), default="y", help="Which axis points up in the pictures.")
-@click.option("--resolution", type=int, default=384, help="Of a .cndhf file's surface, as in cndhf-decode.")
+@click.option("--resolution", type=int, help="Of a .cndhf file's surface, as in cndhf-decode.  [default: 384]")
 @click.option("--overwrite", is_flag=True, help="Replace REPORT.html if it exists.")
 @click.version_option(package_name="cndhf-codec")
-def command(a: Path, b: Path, as_json: bool, html: Path | None, up: str, resolution: int, overwrite: bool) -> None:
+def command(
+    a: Path, b: Path, as_json: bool, html: Path | None, up: str, resolution: int | None, overwrite: bool
+) -> None:
     """Measure the distances between the surfaces A and B: meshes (OBJ, PLY, STL, OFF, GLB, glTF, 3MF) or .cndhf files.
 
     In input units, and in percent of the diagonal of A's bounding box, so A should be the original. Chamfer is the

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
-from ..errors import FormatError, InputError, LimitError, OptionError, SurfaceError, require
+from ..errors import CndhfWarning, FormatError, InputError, LimitError, OptionError, SurfaceError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
 from .dhf import Dhf, implicit, implicit_gradient
@@ -251,7 +251,7 @@ class Model:
         resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048. Where neither this nor a
         method is given, 256, but an intersection for a solid with walls thinner than a cell of that.
         method: "marching-cubes", or "intersection", which triangulates each double height field and intersects the
-        solids: creases stay sharp, and far fewer triangles do. Should manifold3d fail, there is a UserWarning and the
+        solids: creases stay sharp, and far fewer triangles do. Should manifold3d fail, there is a CndhfWarning and the
         result of marching cubes. So there is when walls are thinner than a cell of that and of the default resolution.
         max_error: of an intersection, about the distance from the exact surface: a number in input units, or a string
         "0.1%" of the solid's bounding box's diagonal; "0.02%", or a twentieth of thin walls, when neither this nor
@@ -327,7 +327,7 @@ class Model:
                 if abs(solids.volume(*found) - volume) > allowed:
                     raise SurfaceError("its volume is not that of the solid")
         except SurfaceError as exc:
-            warnings.warn(f"no intersection ({exc}); the surface is that of marching cubes", stacklevel=3)
+            warnings.warn(f"no intersection ({exc}); the surface is that of marching cubes", CndhfWarning, stacklevel=3)
             self._warn_of_thin(resolution)
             return surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
         return found
@@ -359,6 +359,7 @@ class Model:
                 f"parts of the solid, {thin.least * self.container.scale:.3g} thick, are thinner than a cell of "
                 f"resolution {resolution} and may come out torn or not at all: leave resolution and method to the "
                 f"default, take the method intersection, or a resolution of {math.ceil(thin.resolution)} and more",
+                CndhfWarning,
                 stacklevel=3,
             )
 
@@ -366,7 +367,7 @@ class Model:
         """In/out at the nodes of a regular grid around the solid.
 
         Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
-        coordinates, is inside. A UserWarning says when parts of the solid are thinner than a cell. Takes the memory
+        coordinates, is inside. A CndhfWarning says when parts of the solid are thinner than a cell. Takes the memory
         of `to_mesh`, with 2 bytes a node in place of those of vertices.
         Raises OptionError or SurfaceError.
         """

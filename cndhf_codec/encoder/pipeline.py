@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from .. import __version__
 from ..decoder.model import Model, loads
 from ..decoder.parallel import processors
-from ..errors import EncodeError, MeshError, OptionError, SurfaceError, require
+from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
@@ -128,9 +129,10 @@ def encode(
     time_limit: seconds; the fit is cut short to keep to it, so that bytes then depend on the machine's speed.
     seed: equal seeds give equal bytes on the same kind of machine. device: "cpu" or "cuda", which is slower.
     threads: how many to use, all by default; the result does not depend on it. source_name: write the
-    source's file name into the file. Raises a subclass of CndhfError.
+    source's file name into the file. A CndhfWarning tells each thing that had to be assumed. Raises a subclass of
+    CndhfError.
     """
-    return encode_with_report(
+    model, report = encode_with_report(
         source,
         preset,
         axes=axes,
@@ -145,7 +147,10 @@ def encode(
         threads=threads,
         source_name=source_name,
         progress=progress,
-    )[0]
+    )
+    for line in report.warnings:
+        warnings.warn(line, CndhfWarning, stacklevel=2)
+    return model
 
 
 def encode_with_report(

@@ -8,7 +8,9 @@ from ..decoder.model import load_stream
 from ..errors import require
 
 
-def load_cndhf(file_obj: BinaryIO, file_type: str | None = None, resolution: int = 256, **_: Any) -> dict[str, Any]:
+def load_cndhf(
+    file_obj: BinaryIO, file_type: str | None = None, resolution: int | None = None, **_: Any
+) -> dict[str, Any]:
     """trimesh's loader of `.cndhf` streams: arguments of `trimesh.Trimesh`.
 
     resolution: as of `Model.to_mesh`; passed through from `trimesh.load("x.cndhf", resolution=128)`.

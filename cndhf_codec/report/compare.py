@@ -14,6 +14,8 @@ from ..decoder.model import load
 from ..encoder.verify import Distances, surface_distances
 from ..mesh.read import read_mesh
 
+FINE = 384  # resolution of a .cndhf file's surface
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -55,16 +57,22 @@ class Comparison:
         }
 
 
-def read_shape(path: str | os.PathLike[str], resolution: int) -> Shape:
-    """The surface of a mesh file, or of a `.cndhf` file at `resolution` (as of `Model.to_mesh`).
+def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> Shape:
+    """The surface of a mesh file, or of a `.cndhf` file: of this resolution (as of `Model.to_mesh`), or as fine as is
+    good for measuring.
 
     Raises InputError, MeshError, FormatError, OptionError or SurfaceError.
     """
     path = Path(path)
     notes: tuple[str, ...] = ()
     if path.suffix.lower() == ".cndhf":
-        surface = load(path).to_mesh(resolution)
-        vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)
+        model = load(path)
+        if resolution is None:
+            vertices, faces = model.surface(FINE)
+            vertices = vertices * model.container.scale + np.array(model.container.centre)
+        else:
+            surface = model.to_mesh(resolution)
+            vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)
     else:
         mesh = read_mesh(path)
         vertices, faces, notes = mesh.vertices, mesh.faces, mesh.notes
