@@ -73,6 +73,7 @@ def test_the_files_are_read_unchanged():
         (gltf('{"mesh": 0}, 5'), "nodes holds what is no object"),
         (gltf('{"children": [1], "scale": [1e200, 1, 1]}, {"mesh": 0, "scale": [1e200, 1, 1]}'), "NaN or infinite"),
         (b"\0" * 80 + b"\1\0\0\0" + b"\1\0\x80\x7f" * 12 + b"\0\0", "NaN or infinite"),
+        ("ply\nformat ascii 1.0\nelement a\x87 1\nend_header\n0\n".encode("latin-1"), r"asks of 'a\\x87'"),
         ("4OFF\n3 1\n1e308 0 0 1e-320\n1 0 0 1\n0 1 0 1\n3 0 1 2\n", "NaN or infinite"),
         ("v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 .5 0\nv 0 1e999 0\nf 1 2 3\nf 1 2 3 4 5\n", "NaN or infinite"),
         (STL.replace("1 0 0", "1_0 0 0"), "line 2: '1_0' is no number"),

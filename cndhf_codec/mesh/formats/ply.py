@@ -353,13 +353,15 @@ def _words(lines: list[str], element: Element, places: list[int]) -> list[Column
                 k += 1
             if n < 0 or k + n > len(words):
                 raise UnreadableError(
-                    f"{where}: has {len(words)} numbers, fewer than the header asks of {element.name}"
+                    f"{where}: has {len(words)} numbers, fewer than the header asks of {shown(element.name)}"
                 )
             value += [number(word, where) for word in words[k : k + n]]
             size.append(n)
             k += n
         if k < len(words):
-            raise UnreadableError(f"{where}: has {len(words)} numbers, more than the header asks of {element.name}")
+            raise UnreadableError(
+                f"{where}: has {len(words)} numbers, more than the header asks of {shown(element.name)}"
+            )
     return [
         np.array(value) if p.count is None else Ragged(np.array(value), np.array(size, dtype=np.int64))
         for p, value, size in zip(element.properties, values, sizes, strict=True)
