@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import struct
 import zipfile
 
 import pytest
@@ -90,6 +91,13 @@ def test_the_files_are_read_unchanged():
 )  # fmt: skip
 def test_is_refused_with_a_reason(data, reason):
     assert re.search(reason, refusal(data))
+
+
+def test_data_uris_are_bytes_not_text():
+    corners = "%00" * 12 + "%00%00%80%3f" + "%00" * 12 + "%c3%a9%80%3f" + "%00" * 4  # 1, and a little more
+    text = re.sub('"data:;base64,[^"]*"', f'"data:,{corners}"', gltf())
+    found = read_mesh(io.BytesIO(text.encode()))
+    assert found.vertices.max(axis=0).tolist() == [1, struct.unpack("<f", b"\xc3\xa9\x80\x3f")[0], 0]
 
 
 def test_a_rotation_too_large_for_a_length_is_none():

@@ -7,7 +7,7 @@ import binascii
 import json
 from collections.abc import Callable
 from typing import Any, cast
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 import numpy.typing as npt
@@ -231,11 +231,7 @@ class Accessors:
         elif uri.startswith("data:"):
             head, _, body = uri.partition(",")
             try:
-                data = (
-                    base64.b64decode(body, validate=True)
-                    if head.endswith(";base64")
-                    else unquote(body).encode("latin-1")
-                )
+                data = base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
             except (binascii.Error, ValueError) as exc:
                 raise UnreadableError(f"{name}: its data uri is damaged") from exc
         else:
