@@ -42,6 +42,7 @@ OFF = (
     "4OFF\n4 1\n0 0 0 1\n2 0 0 2\n0 3 0 1\n0 0 1 .5\n3 0 1 2\n",
     "STCNOFF\n3 1 3\n0 0 0 0 0 1 0 0 0 1 0 0\n1 0 0 0 0 1 0 0 0 1 1 0\n0 1 0 0 0 1 0 0 0 1 0 1\n3 0 1 2\nmore\n",
     "OFF\n3 1 0\n0 0 0\n1 0\n0 0 1 0\n3 0\n1 2 7\n",
+    "OFF BINARY\n1 1 0\n",
     "3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n2 0 1\n",
 )
 PLY_HEADER = "comment by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
@@ -53,6 +54,12 @@ PLY_ASCII = (
     f"end_header\n{ROWS}7 4 0 1 2 3\n7 3 0 1 2\n0 2 0 1\n".replace("\r\n", "\n").replace("\n", "\r\n"),
     f"ply\nformat ascii 1.0\n{PLY_HEADER}element tristrips 1\nproperty list int int vertex_indices\nelement edge 1\n"
     f"property int vertex1\nproperty int vertex2\nend_header\n{ROWS}9 0 1 2 3 -1 2 1 0 3\n0 1\nmore\n",
+)
+PLY_ASCII += (
+    f"ply\nformat ascii 1.0\n{PLY_HEADER}element face 1\nproperty list uchar int vertex_indices\nelement tristrips 1\n"
+    f"property list int int vertex_indices\nend_header\n{ROWS}3 0 1 2\n4 0 1 2 3\n",
+    "ply\nformat ascii 1.0\nelement vertex 1\nproperty list int float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n1 0 0 0\n3 0 0 0\n",
 )
 STL_ASCII = (
     "solid a b\n"
@@ -74,7 +81,9 @@ MIRROR = 'transform="-1 0 0 0 1 0 0 0 1 0 0 0"'
 def obj_like() -> list[tuple[str, bytes]]:
     texts = [("obj", OBJ), ("off", OFF), ("ply", PLY_ASCII), ("stl", STL_ASCII)]
     out = [(kind, text.encode()) for kind, some in texts for text in some]
-    return [*out, ("obj", b"\xef\xbb\xbf" + OBJ[0].encode())]
+    comb = "".join(f"v {k} {40 * (k % 2)} 0\n" for k in range(80)) + "v 0 -9 0\nf " + " ".join(map(str, range(1, 82)))
+    odd = [b"\xff\xfe" + OBJ[0].encode("utf-16-le"), b"\xef\xbb\xbf" + OBJ[0].encode(), comb.encode()]
+    return [*out, *(("obj", data) for data in odd), ("obj", b"<?xml version='1.0'?><COLLADA/>")]
 
 
 def ply_binary() -> list[tuple[str, bytes]]:
@@ -178,8 +187,13 @@ def gltf_kin() -> list[tuple[str, bytes]]:
         "KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}
     }
     del compressed.root["accessors"][0]["bufferView"]
+    bare = skinned()
+    del bare.root["skins"][0]["inverseBindMatrices"]
+    attributes = bare.root["meshes"][0]["primitives"][0]["attributes"]
+    attributes.update(JOINTS_1=attributes["JOINTS_0"], WEIGHTS_1=attributes["WEIGHTS_0"])
     texts = [
         plain().gltf(),
+        bare.gltf(),
         skinned().gltf("data:,abc"),
         plain().gltf("a.bin"),
         plain().gltf("data:," + quote(plain().binary)),
@@ -295,6 +309,8 @@ def threemf() -> list[tuple[str, bytes]]:
         {"3D/3dmodel.model": (one, item)},
         {"3D/3dmodel.model": (one + group, f'<item objectid="3" {TURN}/><item objectid="4"/><item objectid="2"/>')},
         {"/3D/other.model": (one, item), "[Content_Types].xml": ("", "")},
+        {"3D/3dmodel.model": (group.replace('d="1"', 'd="3"'), item.replace("1", "2"))},  # within itself
+        {"3D/3dmodel.model": (one.replace("</mesh>", "<m:beamlattice/></mesh>"), item)},
         {"3D/3dmodel.model": (far, '<item objectid="7"/>'), "3D/b.model": (one, "")},
     )
     out = []
