@@ -81,6 +81,7 @@ def test_the_files_are_read_unchanged():
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf\n", "has no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf # 1 2 3\n", "has no faces"),
         (threemf(MODEL.replace('<item objectid="1"', f'<item objectid="2" {FAR}')), "NaN or infinite"),
+        (threemf(MODEL.replace("<item ", '<item transform="0 nan 0 -1e-320 nan 0 0 nan 0 0 0 0" ')), "NaN or infinite"),
         (threemf(MODEL, method=zipfile.ZIP_LZMA), "not compressed by Deflate"),
         (threemf(MODEL, method=zipfile.ZIP_BZIP2), "not compressed by Deflate"),
         (threemf('<?xml version="1.0" encoding="UTF-8UTF-8"?>' + MODEL), "of an encoding that is not read"),

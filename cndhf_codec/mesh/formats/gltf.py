@@ -393,7 +393,8 @@ def _transforms(t: F64, r: F64, s: F64) -> F64:
 def _moved(primitive: Primitive, transform: F64 | None) -> Triangles:
     if transform is None:
         return Triangles(primitive.positions, primitive.faces)
-    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is told later, with the mesh's size
+    # What is too large is told later, with the mesh's size. A determinant of NaN can divide by zero.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         vertices = primitive.positions @ transform[:3, :3].T + transform[:3, 3]
         mirrored = np.linalg.det(transform[:3, :3]) < 0  # it turns triangles round (3.7.4)
     return Triangles(vertices, primitive.faces[:, ::-1] if mirrored else primitive.faces)

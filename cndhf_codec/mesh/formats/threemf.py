@@ -140,7 +140,7 @@ def _product(inner: F64 | None, outer: F64 | None) -> F64 | None:
 def _moved(mesh: Triangles, transform: F64 | None) -> Triangles:
     if transform is None:
         return mesh
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a determinant of NaN can
         vertices = mesh.vertices @ transform[:3] + transform[3]
         mirrored = np.linalg.det(transform[:3]) < 0
     return Triangles(vertices, mesh.faces[:, ::-1] if mirrored else mesh.faces)
