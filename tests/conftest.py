@@ -71,6 +71,7 @@ def make_tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setitem(settings.PRESETS, "fast", small)
     monkeypatch.setattr(pipeline, "surface_distances", partial(surface_distances, samples=2000))
+    monkeypatch.setattr(pipeline, "VOLUME_CHANGE", 0.5)
 
 
 def stored_normals(path: Path):

@@ -169,7 +169,7 @@ def _checked(c: Check) -> str:
         lines.append(f"edges that pierce other faces: {percent(c.self_intersections)}")
     if c.parts is not None and c.minor_parts is not None and c.volume is not None:
         tiny = f" and {c.minor_parts} tiny ones" if c.minor_parts else ""
-        lines.append(f"{counted(c.parts)}{tiny} apart from each other, volume {c.volume:.7g}")
+        lines.append(f"parts that do not touch: {c.parts}{tiny}; volume: {c.volume:.7g}")
     if c.hidden and c.filled is not None:
         lines.append(
             f"hidden from every axis, to be filled: {percent(c.hidden)} of the surface, "

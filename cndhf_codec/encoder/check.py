@@ -87,7 +87,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
             filled = filled_volume(solid, costs.axes[chosen]) * scale**3
         else:
             refusal = unseen(mesh.name)
-    x, y, z = (float(e) for e in np.ptp(mesh.vertices, axis=0))
+    x, y, z = (float(e) for e in prepared.extents)
     return Check(
         name=mesh.name,
         vertices=len(mesh.vertices),

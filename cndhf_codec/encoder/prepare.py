@@ -32,9 +32,9 @@ ROUNDING = 0.001  # a smaller share is not worth a line: of rays, a face seen fr
 class Prepared:
     """given: the input, and flipped, the share of its surface whose orientation was reversed. norm: the frame of what
     follows. solid: what is encoded, of a simplified mesh where the input is very large. reference: vertices and faces
-    that the error is measured against: the input's, with its walls if it was thickened. diagonal: of the input's
-    bounding box, input units. assumptions: a line for each thing taken for granted. refusal: why there is no solid to
-    encode, with the remedy, or None.
+    that the error is measured against: the input's, with its walls if it was thickened, without specks far away.
+    extents, diagonal: of the input's bounding box, without such specks; input units. assumptions: a line for each thing
+    taken for granted. refusal: why there is no solid to encode, with the remedy, or None.
     """
 
     given: Mesh
@@ -42,6 +42,7 @@ class Prepared:
     norm: Normalisation
     solid: Solid
     reference: tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
+    extents: npt.NDArray[np.float64]
     diagonal: float
     assumptions: list[str]
     refusal: str | None
@@ -57,7 +58,8 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
         assumptions.append(f"{given.dropped} faces of zero area were left out")
     mesh, strays = without_strays(given)
     assumptions += strays
-    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    extents = np.ptp(mesh.vertices, axis=0)
+    diagonal = float(np.linalg.norm(extents))
     norm = normalisation(mesh)
     solid = _solid(mesh, norm)
     flipped, refusal = solid.flipped, None
@@ -115,7 +117,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
                 f"{mesh.name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / BOX_STEP:.0f}th of its size: "
                 "thinner than a file can tell; thicken it"
             )
-    return Prepared(given, flipped, norm, solid, reference, diagonal, assumptions, refusal)
+    return Prepared(given, flipped, norm, solid, reference, extents, diagonal, assumptions, refusal)
 
 
 def percent(share: float) -> str:
