@@ -17,7 +17,9 @@ from .common import F64, I64, UnreadableError, told
 
 KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # componentType
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-MOST_ZEROS = 2**24  # numbers of an accessor without data, which are 0: a few bytes can ask for billions
+# Numbers of an accessor without data, which are 0: a few bytes can ask for billions. Morph targets have such,
+# for as many positions as they move; so more are allowed for each byte of buffers that was read before.
+MOST_ZEROS, ZEROS_A_BYTE = 2**20, 64
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 Object = dict[str, Any]
@@ -138,7 +140,7 @@ class Accessors:
             at = count_of(accessor, "byteOffset", name, 0)
             out = self._strided(accessor["bufferView"], at, kind, count, width, name)
         else:
-            if count * width > MOST_ZEROS:
+            if count * width > max(MOST_ZEROS, ZEROS_A_BYTE * sum(map(len, self._buffers.values()))):
                 raise UnreadableError(f"{name}: has {count} elements and no data for them, too many to be true")
             out = np.zeros((count, width), dtype=kind)
         if "sparse" in accessor:
