@@ -5,6 +5,7 @@ Every element is taken apart as the header declares it; what is then left of the
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -140,10 +141,12 @@ def _strips(values: I64, sizes: I64) -> I64:
     """Triangles of strips: every vertex after the second makes one with the two before it, turned round every other
     time. -1 begins anew."""
     out = []
-    for strip in np.split(values, np.cumsum(sizes)[:-1]):
-        for run in np.split(strip, np.flatnonzero(strip == -1)):
-            run = run[run != -1] if len(run) and run[0] == -1 else run
-            out.append(strip_triangles(run))
+    # Where strips begin, and where they begin anew: a run of vertices goes from one such place to the next.
+    new = np.flatnonzero(values == -1)
+    places = np.unique(np.concatenate([[0], np.cumsum(sizes), new, new + 1])).tolist()
+    for begin, end in itertools.pairwise(places):
+        if end - begin > 2:
+            out.append(strip_triangles(values[begin:end]))
     return np.concatenate([np.empty((0, 3), dtype=np.int64), *out])
 
 
