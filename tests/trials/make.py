@@ -452,6 +452,7 @@ def make_glb() -> None:
     g = one()
     (HERE / "l.bin").write_bytes(g.data)
     put("beside.gltf", g.gltf("l.bin"), **L_IS)
+    put("escaped.gltf", g.gltf("%6c.bin"), **L_IS)
     put("inside.gltf", g.gltf("data:application/octet-stream;base64," + base64.b64encode(g.data).decode()), **L_IS)
     put("missing.gltf", g.gltf("gone.bin"), error="names 'gone.bin', which cannot be read beside it")
     put("elsewhere.gltf", g.gltf("../conftest.py"), error="not in its own folder")

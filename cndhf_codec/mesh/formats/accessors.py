@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 import binascii
 import json
+import re
 from collections.abc import Callable
 from typing import Any, cast
-from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 import numpy.typing as npt
@@ -233,15 +233,22 @@ class Accessors:
         elif uri.startswith("data:"):
             head, _, body = uri.partition(",")
             try:
-                data = base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
+                data = base64.b64decode(body, validate=True) if head.endswith(";base64") else _unquoted(body)
             except (binascii.Error, ValueError) as exc:
                 raise UnreadableError(f"{name}: its data uri is damaged") from exc
         else:
-            data = self._fetch(unquote(uri))
+            data = self._fetch(_unquoted(uri).decode("utf-8", "replace"))
         if len(data) < size:
             raise UnreadableError(f"{name}: declares {size} bytes, but {len(data)} are there: it is cut short")
         self._buffers[index] = data[:size]
         return self._buffers[index]
+
+
+def _unquoted(text: str) -> bytes:
+    """The bytes that text stands for in which some are written %XX (RFC 3986)."""
+    return re.sub(
+        rb"%([0-9A-Fa-f]{2})", lambda found: bytes([int(found[1], 16)]), text.encode("utf-8", "surrogatepass")
+    )
 
 
 def _listed(values: Numbers | F64) -> str:
