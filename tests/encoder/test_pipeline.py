@@ -12,10 +12,12 @@ from shapes import lumps, write_every_format
 
 from cndhf_codec import encode, loads
 from cndhf_codec.decoder.meshfile import write_mesh
+from cndhf_codec.encoder import check as check_module
 from cndhf_codec.encoder import settings
+from cndhf_codec.encoder.bodies import Bodies
 from cndhf_codec.encoder.pipeline import Report, encode_with_report
 from cndhf_codec.encoder.verify import Distances, surface_distances
-from cndhf_codec.errors import InputError, MeshError, OptionError
+from cndhf_codec.errors import CndhfWarning, InputError, MeshError, OptionError
 from cndhf_codec.mesh.read import read_mesh
 
 # A twentieth of the work of the default preset, and good to about a hundredth of the size.
@@ -244,3 +246,38 @@ def test_a_result_far_from_the_input_is_told():
     assert report.warnings == ["the result is far from the input, 3.0 % of its diagonal on average; try another --seed"]
     assert replace(report, distances=Distances(0.05, 0.2, 0.3)).warnings == []
     assert len(replace(report, visible=0.8).warnings) == 1  # a fifth is hidden, which is told and explains it
+
+
+def changed(given: Bodies, made: Bodies) -> list[str]:
+    return Report(settings.PRESETS["fast"], visible=1.0, bodies=given, decoded=made).warnings
+
+
+def test_parts_and_volume_that_change_are_told():
+    assert changed(Bodies(1, 0, 1.0), Bodies(1, 0, 1.015)) == []
+    assert changed(Bodies(3, 5, 1.0), Bodies(3, 2, 0.99)) == []
+    (lost,) = changed(Bodies(36, 0, 1.0), Bodies(35, 0, 1.0))
+    assert lost.startswith("the input has 36 parts, the result 35 parts: some are lost or have grown together")
+    (apart,) = changed(Bodies(1, 0, 1.0), Bodies(2, 0, 1.0))
+    assert apart.startswith("the input has 1 part, the result 2 parts: some have come apart")
+    assert changed(Bodies(1, 0, 1.0), Bodies(1, 7, 1.0)) == ["the result has 7 specks that the input has not"]
+    assert changed(Bodies(1, 0, 8.0), Bodies(1, 0, 7.0)) == [
+        "the volume of the result is 7, that of the input 8 (-12.5 %)"
+    ]
+
+
+@pytest.mark.usefixtures("tiny")
+def test_encode_warns_in_python_of_what_it_assumed():
+    hollow = trimesh.util.concatenate([trimesh.creation.icosphere(3), trimesh.creation.icosphere(3, 0.5)])
+    hollow.faces[len(hollow.faces) // 2 :] = hollow.faces[len(hollow.faces) // 2 :, ::-1]
+    with pytest.warns(CndhfWarning, match="hidden from every axis"):
+        encode(hollow, "fast")
+
+
+def test_check_foretells_a_refusal_for_being_unseen(monkeypatch):
+    class Blind(check_module.AxisCosts):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            self.visible = 0.0
+
+    monkeypatch.setattr(check_module, "AxisCosts", Blind)
+    assert "no axis sees any of its surface" in str(check_module.check(trimesh.creation.box()).refusal)
