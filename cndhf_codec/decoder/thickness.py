@@ -12,10 +12,9 @@ from .network import F32
 from .parallel import product
 
 SIDE = 128  # samples along each side of a domain
-THIN = (
-    0.05  # share of what a field sees from which on one misses it. Measured: 35 solids from scans to assemblies have as
-)
-# much below a 120th of their longest side (a drone and a table below a 230th), a plate of 1/500 all of it.
+# Share of what a field sees that one misses. Measured: of 38 solids, from scans to assemblies, 34 have as much below a
+# 90th of their longest side, a bed, a chair, a table and a drone below a 122nd to a 229th, a plate of 1/500 all of it.
+THIN = 0.05
 
 
 @dataclass(frozen=True)
