@@ -168,3 +168,12 @@ def test_input_that_cannot_be_read(tmp_path):
         read_bytes(tmp_path / "gone", 100)
     with pytest.raises(InputError, match=r"cannot be read: Is a directory"):
         read_bytes(tmp_path, 100)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_what_is_no_regular_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for call in (lambda: check_output(tmp_path / "pipe", True), lambda: write_atomically(tmp_path / "pipe", b"", True)):
+        with pytest.raises(OutputError, match="is no regular file; name another, or - for the standard output"):
+            call()
+    assert not (tmp_path / "pipe").is_file()
