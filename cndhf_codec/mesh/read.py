@@ -22,7 +22,7 @@ from ..errors import InputError, MeshError, MissingExtraError, require
 from ..files import read_bytes
 from .formats import gltf, obj, off, ply, recognise, stl, threemf
 from .formats.accessors import Fetch
-from .formats.common import Triangles, UnreadableError
+from .formats.common import Triangles, UnreadableError, shown
 
 READERS: dict[str, Callable[[bytes, Fetch], Triangles]] = {
     "obj": lambda data, _: obj.read_obj(data),
@@ -128,7 +128,7 @@ def _of_stream(stream: BinaryIO) -> Mesh:
         raise InputError(f"{name}: is not open for bytes")
 
     def beside(uri: str) -> bytes:
-        raise UnreadableError(f"names the file {uri!r} beside it; give the path of the .gltf, or a .glb")
+        raise UnreadableError(f"names the file {shown(uri, 80)} beside it; give the path of the .gltf, or a .glb")
 
     return _of_bytes(data, name, None, beside)
 
@@ -198,11 +198,11 @@ def _beside(path: Path) -> Fetch:
         folder = path.absolute().parent
         target = Path(os.path.normpath(folder / uri))
         if ":" in uri or not target.is_relative_to(folder):
-            raise UnreadableError(f"names {uri!r}, which is not in its own folder: it is not fetched")
+            raise UnreadableError(f"names {shown(uri, 80)}, which is not in its own folder: it is not fetched")
         try:
             return read_bytes(target, MOST_BYTES)
         except (InputError, ValueError) as exc:
-            raise UnreadableError(f"names {uri!r}, which cannot be read beside it; copy both") from exc
+            raise UnreadableError(f"names {shown(uri, 80)}, which cannot be read beside it; copy both") from exc
 
     return fetch
 

@@ -13,7 +13,7 @@ I64 = npt.NDArray[np.int64]
 
 # Triangles that a file may come to, copies of its parts counted: a few lines can ask for billions.
 MOST_TRIANGLES = 2**27
-MOST_COPIES = 2**20  # of its parts: instances, components, nodes with meshes
+MOST_COPIES = 2**17  # of its parts: instances, components, nodes with meshes
 
 
 class UnreadableError(Exception):
