@@ -77,11 +77,11 @@ def read_mesh(source: Any) -> Mesh:
         return _of_file(Path(source))
     if isinstance(source, tuple) and len(source) == 2:
         try:
+            if any(np.iscomplexobj(part) for part in source):
+                raise TypeError
             vertices, faces = (np.asarray(part, dtype=np.float64) for part in source)
         except (TypeError, ValueError) as exc:
             raise MeshError("the mesh: vertices and faces must be arrays of numbers") from exc
-        if not np.array_equal(faces, np.floor(faces)):
-            raise MeshError("the mesh: a face names a vertex by a number that is not whole")
         return checked(vertices, faces, "the mesh")
     if hasattr(source, "read"):
         return _of_stream(source)
@@ -118,19 +118,24 @@ def _of_file(path: Path) -> Mesh:
 
 def _of_stream(stream: BinaryIO) -> Mesh:
     name = "standard input" if stream is getattr(sys.stdin, "buffer", None) else "the stream"
-    if stream.isatty():
-        raise InputError(f"{name}: is a terminal; pipe a mesh into it, or name a file")
+    data = bytearray()
     try:
-        data = stream.read(MOST_BYTES)
-    except OSError as exc:
-        raise InputError(f"{name}: cannot be read: {exc.strerror}") from exc
-    if not isinstance(data, bytes):
-        raise InputError(f"{name}: is not open for bytes")
+        if getattr(stream, "isatty", bool)():
+            raise InputError(f"{name}: is a terminal; pipe a mesh into it, or name a file")
+        # In pieces: a pipe may give fewer bytes than it is asked for, and one large call takes memory of all of them.
+        while piece := stream.read(PIECE):
+            if not isinstance(piece, bytes):
+                raise InputError(f"{name}: is not open for bytes")
+            data += piece
+            if len(data) >= MOST_BYTES:
+                break
+    except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as exc:
+        raise InputError(f"{name}: cannot be read: {_line(exc)}") from exc
 
     def beside(uri: str) -> bytes:
         raise UnreadableError(f"names the file {shown(uri, 80)} beside it; give the path of the .gltf, or a .glb")
 
-    return _of_bytes(data, name, None, beside)
+    return _of_bytes(bytes(data), name, None, beside)
 
 
 def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
@@ -139,10 +144,12 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
         if len(data) == MOST_BYTES:
             raise UnreadableError(f"has {MOST_BYTES} bytes or more, which is more than is read")
         data = _unpacked(data)
+        if data.startswith(tuple(PACKED)):
+            raise UnreadableError("is compressed twice; unpack it once")
         found = recognise.recognise(data)
-        if found is None:
+        if found in (None, "obj"):  # which some other text may seem to be
             recognise.check_foreign(data)
-            if kind is None:
+            if found is None and kind is None:
                 raise UnreadableError("its content is of no format that is read: " + ", ".join(READERS))
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite, or too large, is told below
             read = READERS[found or kind or ""](data, beside)
@@ -184,11 +191,14 @@ def _zst_pieces(data: bytes) -> Iterator[bytes]:
     # Fed by the kilobyte, of which few megabytes can come; the library's own file says nothing of a cut.
     machine = zstandard.ZstdDecompressor(max_window_size=2**27).decompressobj()
     for at in range(0, len(data), 2**10):
-        if machine.eof:
-            raise EOFError("more follows its end")
-        yield machine.decompress(data[at : at + 2**10])
-    if not machine.eof or machine.unused_data:
-        raise EOFError("its end is missing, or more follows it")
+        rest = data[at : at + 2**10]
+        while rest:
+            if machine.eof:  # another frame follows
+                machine = zstandard.ZstdDecompressor(max_window_size=2**27).decompressobj()
+            yield machine.decompress(rest)
+            rest = machine.unused_data if machine.eof else b""
+    if not machine.eof:
+        raise EOFError("its end is missing")
 
 
 def _beside(path: Path) -> Fetch:
@@ -224,6 +234,11 @@ def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
             f"{name}: vertices of shape (N, 3) and triangles of shape (M, 3) are needed; "
             f"got {vertices.shape} and {faces.shape}"
         )
+    if (
+        faces.dtype.kind == "f"
+        and not (np.isfinite(faces) & (faces == np.floor(faces)) & (np.abs(faces) < 2**53)).all()
+    ):
+        raise MeshError(f"{name}: a face names a vertex by a number that is not whole")
     vertices, faces = vertices.astype(np.float64), faces.astype(np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         worst = faces.min() if faces.min() < 0 else faces.max()

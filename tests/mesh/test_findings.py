@@ -87,7 +87,7 @@ def test_the_files_are_read_unchanged():
         (threemf('<?xml version="1.0" encoding="UTF-8UTF-8"?>' + MODEL), "of an encoding that is not read"),
         (threemf('<?xml version="1.0" encoding="utf-7"?>' + MODEL), "of an encoding that is not read"),
         (threemf(MODEL.replace('x="0"', 'x="?"'), "3D/a\n\x1b.model"),
-         r"3D/a\\n\\x1b.model, line 2: '\?' is no number"),
+         r"3d/a\\n\\x1b.model, line 2: '\?' is no number"),
     ],
 )  # fmt: skip
 def test_is_refused_with_a_reason(data, reason):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+import io
+
 import numpy as np
 import pytest
 import trimesh
@@ -198,6 +201,9 @@ F = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
         ((V, F - 1), "names vertex -1, but there are 4"),
         ((V, F + 0.5), "not whole"),
         ((V, F * np.nan), "not whole"),
+        ((V, np.where(F == 3, np.inf, F)), "not whole"),
+        ((V, np.where(F == 3, 1e30, F)), "not whole"),
+        ((V + 1j, F), "arrays of numbers"),
         ((V, F[:0]), "no faces"),
         ((V[:0], F), "names vertex 3, but there are 0"),
         ((V[:, :2], F), "shape"),
@@ -214,3 +220,41 @@ F = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 def test_arrays_that_are_no_mesh(source, message):
     with pytest.raises(MeshError, match=message):
         read_mesh(source)
+
+
+class Slow(io.RawIOBase):
+    """Gives a few bytes at a time, as pipes do."""
+
+    def __init__(self, data: bytes) -> None:
+        self.rest = data
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        given, self.rest = self.rest[: min(100, size)], self.rest[min(100, size) :]
+        return given
+
+
+def test_streams(tmp_path, box):
+    for kind in ("ply", "obj", "stl", "glb", "off"):
+        data = box.export(file_type=kind)
+        data = data.encode() if isinstance(data, str) else data
+        check_is_the_box(read_mesh(io.BytesIO(data)))
+        check_is_the_box(read_mesh(Slow(data)))
+    (tmp_path / "a.ply").write_bytes(box.export(file_type="ply"))
+    with open(tmp_path / "a.ply", "rb") as file:
+        check_is_the_box(read_mesh(file))
+    packed = gzip.compress(box.export(file_type="ply"))
+    check_is_the_box(read_mesh(gzip.GzipFile(fileobj=io.BytesIO(packed))))
+    with pytest.raises(InputError, match="the stream: cannot be read: "):
+        read_mesh(gzip.GzipFile(fileobj=io.BytesIO(packed[:-20])))
+    with pytest.raises(InputError, match="is not open for bytes"):
+        read_mesh(io.StringIO("v 0 0 0"))
+    with pytest.raises(MeshError, match="the stream: is empty"):
+        read_mesh(io.BytesIO())
+    file.close()
+    with pytest.raises(InputError, match=r"cannot be read: .*closed file"):
+        read_mesh(file)
+    with pytest.raises(MeshError, match=r"the stream: its content is of no format that is read: obj, ply"):
+        read_mesh(io.BytesIO(b"Dear reader,"))

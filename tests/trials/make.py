@@ -116,6 +116,10 @@ def make_obj() -> None:
     put("lines.obj", plain + "l 1 2\np 3\n", note="points and lines", **L_IS)
     put("unknown.obj", "frobnicate 1 2\n" + plain, note="line 1: 'frobnicate'", **L_IS)
     put("two-corners.obj", plain + "f 1 2\n", note="fewer than three corners", **L_IS)
+    put("windows-folder.obj", plain.replace("f 4 2 1", "g C:\\parts\\\nf 4 2 1"), **L_IS)
+    put("windows-nan.obj", plain.replace("v 4 0 0", "v 4 0 -1.#IND"), error="line 2: '-1.#IND' is no number")
+    put("comment-backslash.obj", plain.replace("v 4 0 0", "v 4 0 0 # C:\\"), **L_IS)
+    put("continued-blank.obj", plain.replace("f 4 2 1", "f 4 \\ \n2 1"), **L_IS)
     put("zero.obj", obj(first=0), error="line 13: index 0 is not allowed")
     put("beyond.obj", plain + "f 1 2 13\n", error="names vertex 13, but the file has 12")
     put("before-the-first.obj", plain + "f 1 2 -13\n", error="index -13 reaches back before the first of 12 vertices")
@@ -161,6 +165,12 @@ def make_off() -> None:
     put("4off.off", off("4OFF", np.column_stack([3 * V, np.full(12, 3)])), **L_IS)
     put("coff.off", off("COFF", np.column_stack([V, np.full((12, 4), 255)])), **L_IS)
     put("stcnoff.off", off("STCNOFF", np.column_stack([V, np.full((12, 9), 0.5)])), **L_IS)
+    put("ncoff.off", off("NCOFF", np.column_stack([V, np.full((12, 7), 0.5)])), **L_IS)
+    put("no-edges.off", plain.replace("12 20 0", "12 20 -1"), **L_IS)
+    split = "".join(f"{x:g}\n{y:g} {z:g}\n" for x, y, z in V)
+    put("two-lines-a-vertex.off", plain.replace("".join(f"{numbers(v)}\n" for v in V), split), **L_IS)
+    put("cut-colours.off", off(after=" 0 0 0").rsplit("\n", 3)[0], error="is cut short: 12 vertices and 20 faces")
+    put("counts-shifted.off", plain.replace("12 20 0", "13 19 0"), error="the number of vertices may be wrong")
     put("wrapped.off", plain.replace("\n", " ").replace("OFF", "OFF\n"), **L_IS)
     put("a-number-a-line.off", plain.replace(" ", "\n"), **L_IS)
     put("more.off", plain + "3 0 1 2\n", note="1 lines behind the last face", **L_IS)
@@ -202,6 +212,8 @@ def make_ply() -> None:
     put("little.ply", ply(), **L_IS)
     put("big.ply", ply(">"), **L_IS)
     put("crlf-header.ply", ply(end="\r\n"), **L_IS)
+    put("bom.ply", b"\xef\xbb\xbf" + ply(), **L_IS)
+    put("mixed-ends.ply", ply().replace(b"ply\n", b"ply\r\n", 1), **L_IS)
     put("cr-header.ply", ply(end="\r"), **L_IS)
     put("mixed.ply", ply(faces=[*F[:8], *POLYGONS[2:]]), **L_IS)
     put("mixed-big.ply", ply(">", faces=POLYGONS), **L_IS)
@@ -277,6 +289,14 @@ def make_stl() -> None:
     put("comma.stl", stl_ascii().replace("4 1 0", "4,0 1 0"), error="'4,0' is no number")
     put("binary.stl", stl_binary(), **L_IS)
     put("binary-solid.stl", stl_binary(header=b"solid facet normal"), **L_IS)
+    put("solid-tail.stl", stl_binary(header=b"solid part") + b"tail", note="4 bytes behind them", **L_IS)
+    put(
+        "solid-cut.stl",
+        stl_binary(header=b"solid part")[:-30],
+        error="the header says 20 triangles, the file has room for 19",
+    )
+    put("ctrl-z.stl", stl_ascii() + "\x1a", **L_IS)
+    put("comment.stl", "# made by hand\n" + stl_ascii(), error="line 1: '#' where 'solid' should stand")
     put("tail.stl", stl_binary() + b"tail", note="4 bytes behind them", **L_IS)
     put("count-0.stl", stl_binary(0), error="the header says 0 triangles, the file has room for 20")
     put("count-too-large.stl", stl_binary(21), error="the header says 21 triangles, the file has room for 20")
@@ -417,6 +437,9 @@ def make_glb() -> None:
     g.node(translation=[8, 0, 0])
     g.add("skins", joints=[1, 2], inverseBindMatrices=g.accessor(binds))
     put("skin.glb", g.glb(), volume=6, area=26, box="8 0 0 12 3 1")
+    g.root["nodes"].append({"children": [0, 1, 2], "scale": [-1, 1, 1]})
+    g.root["scenes"] = [{"nodes": [3]}]
+    put("skin-mirrored.glb", g.glb(), volume=6, area=26, box="-12 0 0 -8 3 1")
     g = one()
     g.root["scenes"].append({"nodes": []})
     put("two-scenes.glb", g.glb(), note="scene 0 of 2 was read", **L_IS)
@@ -498,15 +521,18 @@ def make_compressed_glb() -> None:
 # 3MF
 
 
-def threemf(resources: str, build: str, extensions: str = "") -> bytes:
+def threemf(resources: str, build: str, extensions: str = "", root: str = "3D/3dmodel.model") -> bytes:
     core = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
     head = f'<?xml version="1.0"?>\n<model unit="millimeter" xmlns="{core}" {extensions}>'
     text = f"{head}<resources>{resources}</resources>"
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(
-            zipfile.ZipInfo("3D/3dmodel.model"), f"{text}<build>{build}</build></model>", zipfile.ZIP_DEFLATED
-        )
+        if "my" in root:  # only the package's relationships tell that this is the model
+            archive.writestr(zipfile.ZipInfo("3D/1.model"), f"{text}</model>")
+            kind = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+            relation = f'<Relationship Target="/{root}" Id="rel0" Type="{kind}"/>'
+            archive.writestr(zipfile.ZipInfo("_rels/.rels"), f"<Relationships>{relation}</Relationships>")
+        archive.writestr(zipfile.ZipInfo(root), f"{text}<build>{build}</build></model>", zipfile.ZIP_DEFLATED)
     return out.getvalue()
 
 
@@ -523,6 +549,18 @@ def make_3mf() -> None:
     support = f'{part}<object id="2" type="support">{mesh}</object>'
     items = '<item objectid="1"/><item objectid="2" transform="1 0 0 0 1 0 0 0 1 9 0 0"/>'
     put("support.3mf", threemf(support, items), note="supports", **L_IS)
+    both = '<component objectid="1"/><component objectid="2"/>'
+    modifier = support.replace("support", "other") + f'<object id="3"><components>{both}</components></object>'
+    put(
+        "modifier.3mf",
+        threemf(modifier, '<item objectid="3"/>'),
+        note="1 objects that are supports or no parts",
+        **L_IS,
+    )
+    solid = support.replace("support", "solidsupport")
+    put("solidsupport.3mf", threemf(solid, items), note="supports", **L_IS)
+    put("other-root.3mf", threemf(part, '<item objectid="1"/>', root="3D/my.model"), **L_IS)
+    put("lower-case.3mf", threemf(part, '<item objectid="1"/>', root="3d/3dmodel.model"), **L_IS)
     put("gone.3mf", threemf(part, '<item objectid="7"/>'), error="names the object '7'")
     put("circle.3mf", threemf('<object id="1"><components><component objectid="1"/></components></object>',
         '<item objectid="1"/>'), error="within themselves")  # fmt: skip
@@ -540,6 +578,9 @@ def make_others() -> None:
     put("l.ply.bz2", bz2.compress(ply()), **L_IS)
     put("l.stl.xz", lzma.compress(stl_binary()), **L_IS)
     put("l.off.zst", zstandard.ZstdCompressor().compress(off().encode()), **L_IS)
+    frames = [zstandard.ZstdCompressor().compress(half) for half in (off().encode()[:99], off().encode()[99:])]
+    put("two-frames.off.zst", b"".join(frames), **L_IS)
+    put("twice.obj.gz", gzip.compress(gzip.compress(obj().encode(), mtime=0), mtime=0), error="is compressed twice")
     put("cut.ply.gz", gzip.compress(ply(), mtime=0)[:-20], error="(.gz) is damaged or cut short")
     put("cut.ply.zst", zstandard.ZstdCompressor().compress(ply())[:-20], error="(.zst) is damaged or cut short")
     put("ply-inside.obj", ply(), note="the content is PLY, whatever the name says", **L_IS)

@@ -233,15 +233,26 @@ class Accessors:
         elif uri.startswith("data:"):
             head, _, body = uri.partition(",")
             try:
-                data = base64.b64decode(body, validate=True) if head.endswith(";base64") else _unquoted(body)
+                data = _base64(body) if head.endswith(";base64") else _unquoted(body)
             except (binascii.Error, ValueError) as exc:
                 raise UnreadableError(f"{name}: its data uri is damaged") from exc
         else:
-            data = self._fetch(_unquoted(uri).decode("utf-8", "replace"))
+            try:
+                data = self._fetch(_unquoted(uri).decode("utf-8", "replace"))
+            except UnreadableError:
+                if "%" not in uri:
+                    raise
+                data = self._fetch(uri)  # some write names as they are
         if len(data) < size:
             raise UnreadableError(f"{name}: declares {size} bytes, but {len(data)} are there: it is cut short")
         self._buffers[index] = data[:size]
         return self._buffers[index]
+
+
+def _base64(text: str) -> bytes:
+    """Of text that may have line breaks in it, and no padding."""
+    packed = "".join(text.split())
+    return base64.b64decode(packed + "=" * (-len(packed) % 4), validate=True)
 
 
 def _unquoted(text: str) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -14,6 +15,9 @@ I64 = npt.NDArray[np.int64]
 # Triangles that a file may come to, copies of its parts counted: a few lines can ask for billions.
 MOST_TRIANGLES = 2**27
 MOST_COPIES = 2**17  # of its parts: instances, components, nodes with meshes
+
+
+NO_NUMBER = re.compile(rb"-?[0-9]\.#(?:IND|QNAN|SNAN|INF)")
 
 
 class UnreadableError(Exception):
@@ -61,15 +65,19 @@ def check_count(triangles: int, vertices: int = 0, copies: int = 0) -> None:
             raise UnreadableError(f"comes to {count} {what}; at most {most} are read")
 
 
-def lines_of(data: bytes) -> list[str]:
-    """The lines of a text file, whatever ends them, without a byte order mark."""
+def lines_of(data: bytes, before: int = 0) -> list[str]:
+    """The lines of a text file, whatever ends them, without a byte order mark. before: lines that come before them."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise UnreadableError("is UTF-16 text; save it as UTF-8 or ASCII")
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     zero = data.find(b"\0")
     if zero >= 0:
-        line = data.count(b"\n", 0, zero) + 1
+        line = before + data.count(b"\n", 0, zero) + 1
         raise UnreadableError(f"line {line}: holds a zero byte, so this is no text, or the file is damaged")
+    # As Microsoft's C library writes NaN and infinity; what follows the # would be taken for a comment.
+    if found := NO_NUMBER.search(data) if b".#" in data else None:
+        line = before + data.count(b"\n", 0, found.start()) + 1
+        raise UnreadableError(f"line {line}: {shown(found[0].decode())} is no number")
     return data.decode("latin-1").split("\n")  # names may be in any alphabet: this never fails
 
 

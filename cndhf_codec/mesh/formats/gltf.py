@@ -228,6 +228,9 @@ class _Scene:
         joints = weights_of = None
         if isinstance(packed, dict) and not self._has_fallback(primitive, attributes, where):
             positions, corners, joints, weights_of = self._draco(primitive, packed, where)
+            mode = LIST  # whatever it was, it is decoded to triangles
+            if joints is None:  # beside the compressed attributes
+                joints, weights_of = self._influences(attributes, where)
         else:
             positions = self.accessors.floats(attributes["POSITION"], 3, where)
             if "indices" in primitive:
@@ -315,7 +318,8 @@ class _Scene:
         """The primitive where the node puts it: by its skin, by its instances, or by its transform."""
         node = self.nodes[k]
         if "skin" in node and primitive.joints is not None and primitive.weights is not None:
-            yield Triangles(self._posed(primitive, node["skin"], where), primitive.faces)
+            posed = Primitive(self._posed(primitive, node["skin"], where), primitive.faces, None, None)
+            yield _turned(posed, self._world(k))
             return
         world = self._world(k)
         instances = section(node, "extensions", dict, where).get(INSTANCES)
@@ -396,5 +400,11 @@ def _moved(primitive: Primitive, transform: F64 | None) -> Triangles:
     # What is too large is told later, with the mesh's size. A determinant of NaN can divide by zero.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         vertices = primitive.positions @ transform[:3, :3].T + transform[:3, 3]
-        mirrored = np.linalg.det(transform[:3, :3]) < 0  # it turns triangles round (3.7.4)
-    return Triangles(vertices, primitive.faces[:, ::-1] if mirrored else primitive.faces)
+    return _turned(Primitive(vertices, primitive.faces, None, None), transform)
+
+
+def _turned(primitive: Primitive, transform: F64 | None) -> Triangles:
+    """The primitive as it is, its triangles turned round where the node's transform mirrors (3.7.4)."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        mirrored = transform is not None and np.linalg.det(transform[:3, :3]) < 0
+    return Triangles(primitive.positions, primitive.faces[:, ::-1] if mirrored else primitive.faces)

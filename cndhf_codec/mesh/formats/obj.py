@@ -13,6 +13,7 @@ SURFACE_FREE = {  # statements that say nothing of the surface
     *("vn", "vt", "vp", "g", "o", "s", "mg", "mtllib", "usemtl", "maplib", "usemap", "bevel", "c_interp", "d_interp"),
     *("lod", "shadow_obj", "trace_obj"),
 }
+NAMING = ("g", "o", "mtllib", "usemtl", "maplib", "usemap", "shadow_obj", "trace_obj")
 FREE_FORM = {  # curves and surfaces that would have to be made triangles of
     *("cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp", "end", "con"),
     *("ctech", "stech", "bsp", "bzp", "cdc", "cdp", "res"),
@@ -66,10 +67,12 @@ def read_obj(data: bytes) -> Triangles:
 
 
 def _join_continued(lines: list[str]) -> None:
-    """Lines that end in a backslash, put together in the place of the first; the others become empty."""
+    """Vertices and faces whose line ends in a backslash, put together in the place of the first; the others become
+    empty. A backslash at the end of a comment or of a name (a Windows folder) goes on with nothing."""
     for at in range(len(lines) - 2, -1, -1):
-        if lines[at].endswith("\\") and not lines[at].lstrip().startswith("#"):
-            lines[at] = f"{lines[at][:-1]} {lines[at + 1]}"
+        line = lines[at].rstrip()
+        if line.endswith("\\") and "#" not in line and line.split(None, 1)[0].lower() not in NAMING:
+            lines[at] = f"{line[:-1]} {lines[at + 1]}"
             lines[at + 1] = ""
 
 

@@ -24,7 +24,8 @@ from .common import (
 )
 from .polygons import triangulate
 
-KEYWORD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF", re.IGNORECASE)
+# Prefixes come in any order. A small n before a large OFF is a number of dimensions.
+KEYWORD = re.compile(r"((?:ST|C|N|4|n)*)OFF|((?:st|c|n|4)*)off")
 
 
 def read_off(data: bytes) -> Triangles:
@@ -39,11 +40,17 @@ def read_off(data: bytes) -> Triangles:
     notes = []
     if not face_count:
         raise UnreadableError(f"holds no triangles: {vertex_count} vertices and no faces (a point cloud?)")
-    if len(lines) < vertex_count + face_count or not _line_is_a_face(lines[vertex_count]):
-        vertices, corners, sizes, rest = _words(lines, vertex_count, face_count, 4 if homogeneous else 3, extra)
-        notes += left_out(rest, "words behind the last face")
+    columns = 4 if homogeneous else 3
+    wrapped = len(lines) < vertex_count + face_count or not _line_is_a_face(lines[vertex_count])
+    if wrapped or (vertex_count and len(lines[0].split()) < columns):
+        vertices, corners, sizes, rest = _words(lines, vertex_count, face_count, columns, extra)
+        if rest or sizes.min() < 3:  # colours, read as faces
+            raise UnreadableError(
+                f"is cut short: {vertex_count} vertices and {face_count} faces are declared, "
+                f"there are {len(lines)} lines"
+            )
     else:
-        vertices = _vertices(lines[:vertex_count], places, homogeneous)
+        vertices = _vertices(lines[:vertex_count], places, homogeneous, extra)
         corners, sizes = _faces(lines[vertex_count:][:face_count], places[vertex_count:])
         notes += left_out(len(lines) - vertex_count - face_count, "lines behind the last face")
     if homogeneous:
@@ -69,8 +76,8 @@ def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
     rest = lines[0][match.end() :].strip()
     if rest.lower().startswith("binary"):
         raise UnreadableError("is a binary OFF file, which is not read; save it as ASCII OFF, or as PLY")
-    texture, colour, normal, four, dimension = match.groups()
-    if dimension:
+    prefix = match[1] or (match[2] or "").upper()
+    if "n" in prefix:
         raise UnreadableError(
             f"is of the kind {shown(match[0])}, of any number of dimensions, which is not read; save it as OFF"
         )
@@ -78,7 +85,7 @@ def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
         lines[0] = rest
     else:
         del lines[0], places[0]
-    return bool(texture or colour or normal), bool(four)
+    return bool(set(prefix) - {"4"}), "4" in prefix
 
 
 def _take_counts(lines: list[str], places: list[int]) -> tuple[int, int]:
@@ -89,7 +96,7 @@ def _take_counts(lines: list[str], places: list[int]) -> tuple[int, int]:
     if not 2 <= len(words) <= 3:  # lines end anywhere: the next three words
         words, *rest = [" ".join(lines).split(None, 3)[:3], *" ".join(lines).split(None, 3)[3:]]
         lines[1:], places[1:] = rest, places[:1] * len(rest)
-    if len(words) < 2 or not all(w.isascii() and w.isdigit() for w in words):
+    if len(words) < 2 or not all(w.isascii() and w.isdigit() for w in words[:2]):  # nobody counts the edges
         raise UnreadableError(f"{where}: {shown(lines[0])} where the numbers of vertices, faces and edges should stand")
     vertices, faces = (whole(word, where) for word in words[:2])
     del lines[0], places[0]
@@ -102,7 +109,7 @@ def _line_is_a_face(line: str) -> bool:
     return words[0].isascii() and words[0].isdigit() and len(words[0]) <= 9 and len(words) > int(words[0])
 
 
-def _vertices(lines: list[str], places: list[int], homogeneous: bool) -> F64:
+def _vertices(lines: list[str], places: list[int], homogeneous: bool, extra: bool) -> F64:
     """(N, 3), or (N, 4) with weights; what stands behind the coordinates is not looked at."""
     columns = 4 if homogeneous else 3
     table = numbers(lines)
@@ -110,6 +117,11 @@ def _vertices(lines: list[str], places: list[int], homogeneous: bool) -> F64:
         rows = []
         for line, place in zip(lines, places, strict=False):
             words = line.split()[:columns]
+            if not extra and len(line.split()) != len(lines[0].split()):
+                raise UnreadableError(
+                    f"line {place}: has {len(line.split())} numbers, the first vertex {len(lines[0].split())}: "
+                    "the number of vertices may be wrong"
+                )
             if len(words) < columns:
                 raise UnreadableError(f"line {place}: a vertex needs {columns} coordinates, here are {len(words)}")
             rows.append([number(word, f"line {place}") for word in words])

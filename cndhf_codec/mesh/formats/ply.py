@@ -6,6 +6,7 @@ Every element is taken apart as the header declares it; what is then left of the
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -47,7 +48,6 @@ TYPES = {
     "float64": "f8",
 }
 CORNERS = ("vertex_indices", "vertex_index")
-ENDINGS = (b"\r\n", b"\n", b"\r")
 
 
 @dataclass(frozen=True)
@@ -159,10 +159,11 @@ def strip_triangles(run: I64) -> I64:
 
 def _header(data: bytes) -> tuple[str, list[Element], int]:
     """The layout's name, the elements, and where they begin."""
-    ending = next((e for e in ENDINGS if data[3:].lstrip(b" \t").startswith(e)), None)
-    if not data.startswith(b"ply") or ending is None:
+    first = re.match(rb"(?:\xef\xbb\xbf)?ply[ \t]*(\r?\n|\r)", data)
+    if not first:
         raise UnreadableError("does not begin with a line 'ply'")
-    layout, at = "", 0
+    ending = first[1][-1:]  # a \r before the \n is white space
+    layout, at = "", data.index(b"ply")
     elements: list[Element] = []
     for line_number in range(1, len(data) + 2):
         end = data.find(ending, at)
@@ -302,7 +303,7 @@ def _rows(data: bytes, at: int, element: Element, order: str) -> tuple[list[Colu
 
 def _ascii(data: bytes, elements: list[Element], before: int) -> tuple[list[list[Column]], list[str]]:
     """As `_binary`, of rows that are lines. before: how many lines the header has."""
-    all_lines = lines_of(data)
+    all_lines = lines_of(data, before)
     at = [k for k, line in enumerate(all_lines) if line and not line.isspace()]
     lines = all_lines if len(at) == len(all_lines) else [all_lines[k] for k in at]
     out, first = [], 0

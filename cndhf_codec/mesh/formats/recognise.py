@@ -73,7 +73,7 @@ def recognise(data: bytes) -> str | None:
         return "stl"
     if data.startswith(b"glTF"):
         return "glb"
-    if re.match(rb"ply[ \t]*[\r\n]", data):
+    if re.match(rb"(?:\xef\xbb\xbf)?ply[ \t]*[\r\n]", data):
         return "ply"
     if threemf.is_3mf(data):
         return "3mf"
@@ -87,7 +87,7 @@ def recognise(data: bytes) -> str | None:
     for line in re.split(rb"[\r\n]+", text):
         line = line.strip()
         if line and not line.startswith(b"#"):
-            if re.match(rb"(?:ST)?C?N?4?n?OFF(?![A-Za-z])", line, re.IGNORECASE):
+            if re.match(rb"(?:ST|[CNn4])*OFF(?![A-Za-z])", line, re.IGNORECASE):
                 return "off"
             return "obj" if OBJ_STATEMENT.match(line) else None
     return None

@@ -9,6 +9,7 @@ import numpy as np
 from .common import F64, Triangles, UnreadableError, number, shown
 
 HEADER, RECORD = 84, 50
+ENOUGH = 2**12  # bytes that tell text from numbers
 COORDINATES = rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
 FACET = re.compile(
     rb"\s*facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop" + 3 * COORDINATES + rb"\s+endloop\s+endfacet(?!\S)",
@@ -27,16 +28,29 @@ def is_binary(data: bytes) -> bool:
 
 
 def is_ascii(data: bytes) -> bool:
-    """Whether the bytes begin as text of facets does."""
-    begin = BEGIN.match(data.removeprefix(b"\xef\xbb\xbf"))
-    rest = data.removeprefix(b"\xef\xbb\xbf")[begin.end() :][:200].split() if begin else []
-    return bool(begin) and (not rest or rest[0].lower() in (b"facet", b"endsolid"))
+    """Whether the bytes are text that begins as facets do."""
+    text = _text(data[:ENOUGH])
+    begin = BEGIN.match(text)
+    if not begin or b"\0" in text:  # a binary file may begin with any words, but not go on without zeros
+        return False
+    rest = text[begin.end() :].split(None, 1)
+    return not rest or rest[0].lower() in (b"facet", b"endsolid")
 
 
 def read_stl(data: bytes) -> Triangles:
-    if not is_binary(data) and is_ascii(data):
-        return _ascii(data.removeprefix(b"\xef\xbb\xbf"))
+    if is_binary(data):
+        return _binary(data)
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise UnreadableError("is UTF-16 text; save it as UTF-8 or ASCII")
+    start = _text(data[:ENOUGH])
+    if is_ascii(data) or (b"\0" not in start and re.search(rb"\bfacet\b", start, re.IGNORECASE)):
+        return _ascii(_text(data))
     return _binary(data)
+
+
+def _text(data: bytes) -> bytes:
+    """Without a byte order mark, and without what old programs end a text with."""
+    return data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\0\x1a \t\r\n")
 
 
 def _count(data: bytes) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import posixpath
+import re
 import zipfile
 import zlib
 from dataclasses import dataclass, field
@@ -21,10 +22,11 @@ KNOWN = {
     PRODUCTION,
     "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
     "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07",
+    "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
 }
 MOST_BYTES = 2**31  # of a model, unpacked
 DEEPEST = 32  # components within components
-ROOT = "3D/3dmodel.model"
+ROOT, RELATIONS = "3d/3dmodel.model", "_rels/.rels"
 
 
 @dataclass
@@ -39,18 +41,15 @@ class Object3MF:
 
 
 def is_3mf(data: bytes) -> bool:
-    return data.startswith(b"PK") and b"3D/" in data and b".model" in data
+    return data.startswith(b"PK") and re.search(rb"3d/[^\0]*\.model", data, re.IGNORECASE) is not None
 
 
 def read_3mf(data: bytes) -> Triangles:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = {name.lstrip("/"): name for name in archive.namelist()}
-            root = ROOT if ROOT in names else next((n for n in names if n.lower().endswith(".model")), None)
-            if root is None:
-                raise UnreadableError("is a ZIP archive without a 3D model: no 3MF file; unpack it")
+            names = {_key(name): name for name in archive.namelist()}
             package = _Package(archive, names, min(MOST_BYTES, 1000 * len(data) + 2**16))
-            return package.built(root)
+            return package.built(package.root())
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError) as exc:
         raise UnreadableError(f"the ZIP archive is damaged, or of a kind that is not read: {str(exc)[:80]}") from exc
 
@@ -60,17 +59,28 @@ class _Package:
         self._archive, self._names, self._room = archive, names, most_bytes
         self._objects: dict[tuple[str, str], Object3MF] = {}
         self._parts: dict[str, _Part] = {}
-        self._triangles = self._vertices = self._copies = 0
+        self._triangles = self._vertices = self._copies = self._others = 0
+
+    def root(self) -> str:
+        """The part that the package's relationships name as the model, or the usual one."""
+        if RELATIONS in self._names:
+            for relation in re.findall(rb"<Relationship\b[^>]*>", self._bytes(RELATIONS)):
+                target = re.search(rb"\bTarget\s*=\s*[\"']([^\"']+)", relation)
+                if target and re.search(rb"/3dmodel[\"']", relation):
+                    return _key(target[1].decode("utf-8", "replace"))
+        root = ROOT if ROOT in self._names else next((n for n in self._names if n.endswith(".model")), None)
+        if root is None:
+            raise UnreadableError("is a ZIP archive without a 3D model: no 3MF file; unpack it")
+        return root
 
     def built(self, root: str) -> Triangles:
         part = self._part(root)
-        out, support = [], 0
+        out = []
         for key, transform in part.items:
-            if self._object(key).kind in ("support", "other"):
-                support += 1
-                continue
             out += self._placed(key, transform, 0)
-        notes = [f"{support} items that are supports or no parts of the model were left out"] if support else []
+        notes = []
+        if self._others:
+            notes.append(f"{self._others} objects that are supports or no parts of the model were left out")
         if not any(len(p.faces) for p in out):
             raise UnreadableError("holds no triangles: nothing is to be built")
         both = joined(out)
@@ -78,23 +88,21 @@ class _Package:
 
     def _part(self, name: str) -> _Part:
         if name not in self._parts:
-            if name not in self._names:
-                raise UnreadableError(f"the archive has no part {shown(name)}")
-            info = self._archive.getinfo(self._names[name])
-            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise UnreadableError(
-                    f"the part {shown(name)} is not compressed by Deflate, as 3MF demands; zip it anew"
-                )
-            self._room -= info.file_size
-            if self._room < 0:
-                raise UnreadableError(
-                    f"the part {shown(name)} claims {info.file_size} bytes unpacked, too many to be true"
-                )
-            with self._archive.open(info) as file:
-                text = file.read(info.file_size + 1)
-            self._parts[name] = part = _Part(name, text)
+            self._parts[name] = part = _Part(name, self._bytes(name))
             self._objects.update(part.objects)
         return self._parts[name]
+
+    def _bytes(self, name: str) -> bytes:
+        if name not in self._names:
+            raise UnreadableError(f"the archive has no part {shown(name)}")
+        info = self._archive.getinfo(self._names[name])
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise UnreadableError(f"the part {shown(name)} is not compressed by Deflate, as 3MF demands; zip it anew")
+        self._room -= info.file_size
+        if self._room < 0:
+            raise UnreadableError(f"the part {shown(name)} claims {info.file_size} bytes unpacked, too many to be true")
+        with self._archive.open(info) as file:
+            return file.read(info.file_size + 1)
 
     def _object(self, key: tuple[str, str]) -> Object3MF:
         self._part(key[0])
@@ -106,6 +114,9 @@ class _Package:
         if depth > DEEPEST:
             raise UnreadableError(f"objects are nested more than {DEEPEST} deep, or within themselves")
         found = self._object(key)
+        if found.kind in ("support", "solidsupport", "other"):
+            self._others += 1
+            return []
         out = []
         if found.triangles:
             self._triangles += len(found.triangles) // 3
@@ -117,6 +128,11 @@ class _Package:
             self._copies += 1
             check_count(0, 0, self._copies)
         return out
+
+
+def _key(name: str) -> str:
+    """A part's name without what makes no difference (OPC: case, the slash before it)."""
+    return posixpath.normpath(name).lstrip("/").lower()
 
 
 def _mesh(found: Object3MF, name: str) -> Triangles:
@@ -208,7 +224,7 @@ class _Part:
 
     def _reference(self, attributes: dict[str, str]) -> tuple[tuple[str, str], F64 | None]:
         path = attributes.get(f"{PRODUCTION} path")
-        part = self.name if path is None else posixpath.normpath(path).lstrip("/")
+        part = self.name if path is None else _key(path)
         text = attributes.get("transform")
         transform = None
         if text is not None:
