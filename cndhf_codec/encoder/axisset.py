@@ -26,6 +26,7 @@ IN_PLANE = 16  # directions in a mirror plane
 POINTS = 20_000
 SLANT = 2e-4  # cost of a point seen at a cosine of 1/2 (normalised units)
 LEAST_COSINE = 0.1
+IN_FRONT = 1e-3  # how far in front of a hidden point is looked at (normalised units)
 
 F64 = npt.NDArray[np.float64]
 
@@ -42,7 +43,10 @@ class AxisCosts:
         rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
         self.costs, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
         self._points = points
-        self.visible = float(self._seen.any(axis=0).mean())
+        hidden = np.flatnonzero(~self._seen.any(axis=0))
+        # What has solid on both sides (parts within others, where parts overlap) bounds nothing, and is not missed.
+        bounds = ~solid.contains(points[hidden] + IN_FRONT * normals[hidden])
+        self.visible = 1 - float(bounds.sum()) / len(points) if len(hidden) < len(points) else 0.0
 
     def sets(self, count: int) -> list[list[int]]:
         """Sets of `count` axes to choose from: the one of least mean cost, the one with the best aligned axis, and that

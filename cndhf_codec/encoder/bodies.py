@@ -10,7 +10,7 @@ import numpy.typing as npt
 from .repair import I64, connected
 from .solid import Solid, signed_volumes
 
-MINOR = 0.01  # a part shorter than this share of the whole's diagonal is counted apart: few would see it come or go
+MINOR = 0.01  # a part shorter than this share of the largest is counted apart: few would see it come or go
 POINTS = 50_000  # of the surface, at which the next part is looked for
 # Parts closer than this touch (normalised units): a sixteenth of a cell of the default resolution, which no fit of some
 # kilobytes keeps apart.
@@ -136,8 +136,8 @@ def _counted(vertices: F64, faces: I64, label: I64, volumes: F64) -> tuple[int, 
     starts = np.flatnonzero(np.diff(label[order], prepend=-1))
     corners = vertices[faces[order]]
     lo, hi = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
-    whole = float(np.linalg.norm(hi.max(axis=0) - lo.min(axis=0)))
-    minor = np.linalg.norm(hi - lo, axis=1) < MINOR * whole
+    length = np.linalg.norm(hi - lo, axis=1)
+    minor = length < MINOR * length.max()
     return int((~minor & (volumes > 0)).sum()), int((minor & (volumes > 0)).sum())
 
 

@@ -27,7 +27,7 @@ class Check:
     boundary_loops connected chains. nonmanifold_edges: of three faces or more. flipped: share of the surface whose
     orientation is reversed. self_intersections: share of (at most 200,000 sampled) edges that pierce another face.
     parts: bodies of the solid that do not touch each other, and minor_parts: those shorter than a hundredth of the
-    whole. volume: of the solid, exact for a closed surface that does not go through itself, else from 30,000 points.
+    largest. volume: of the solid, exact for a closed surface that does not go through itself, else from 30,000 points.
     hidden: share of the surface that no axis sees, which will be filled. filled, floor: the volume that exact height
     fields along the `axes` best axes would add, and the mean error that they would leave by it. assumptions: a line for
     each thing that would be taken for granted. refusal: why it would not be encoded, or None; then what is said of the

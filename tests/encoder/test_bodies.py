@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from test_repair import CUBE, box, sheet, solid_of, touching
 
+from cndhf_codec import check
 from cndhf_codec.encoder.bodies import Bodies, bodies_of_solid, bodies_of_surface, filled_volume
 
 
@@ -96,3 +97,17 @@ def test_what_height_fields_fill():
 def test_a_sheet_beside_a_solid_is_not_a_part():
     flag = sheet().apply_scale(0.3).apply_translation([0, 0, 0.9])
     assert of_solid(box(*CUBE), flag).parts == 1
+
+
+def test_small_parts_far_apart_are_parts():
+    found = of_solid(ball(0.002, (-0.9, 0, 0)), ball(0.002, (0.9, 0, 0)))
+    assert (found.parts, found.minor) == (2, 0)
+
+
+def test_what_lies_within_the_solid_is_not_missed():
+    inner = box([-0.2] * 3, [0.2] * 3)
+    assert check(trimesh.util.concatenate([box(*CUBE), inner])).hidden == 0
+    inner.invert()
+    found = check(trimesh.util.concatenate([box(*CUBE), inner]))
+    assert found.hidden == pytest.approx(0.16 / 1.16, abs=0.01)
+    assert found.filled == pytest.approx(0.4**3, rel=0.1)

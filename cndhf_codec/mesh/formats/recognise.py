@@ -77,13 +77,13 @@ def recognise(data: bytes) -> str | None:
         return "ply"
     if threemf.is_3mf(data):
         return "3mf"
+    if stl.is_ascii(data):
+        return "stl"
     text = data[:LOOKED_AT].removeprefix(BOM).lstrip()
     if b"\0" in text:
         return None
     if text.startswith(b"{") and b'"asset"' in data:
         return "gltf"
-    if stl.is_ascii(data):
-        return "stl"
     for line in re.split(rb"[\r\n]+", text):
         line = line.strip()
         if line and not line.startswith(b"#"):
