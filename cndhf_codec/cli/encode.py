@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
-from ..errors import OptionError
+from ..errors import InputError, OptionError
 from ..files import STREAM, check_output
 from .sizes import parse_size
 
@@ -96,7 +96,11 @@ def command(
     INPUT or OUTPUT may be `-`, the standard input or output. Hidden cavities are filled, and colours and texture
     coordinates are not kept.
     """
-    given = sys.stdin.buffer if source == STREAM else source
+    given: Path | BinaryIO = source
+    if source == STREAM:
+        if sys.stdin is None:
+            raise InputError("the standard input is closed; name a file")
+        given = sys.stdin.buffer
     if only_check:
         if target is not None:
             raise OptionError(f"--check writes nothing: leave {target} out")
@@ -112,7 +116,7 @@ def command(
     if to_stream and sys.stdout.isatty():
         raise OptionError("OUTPUT is - and the standard output a terminal: send it to a file or a program")
     if not to_stream:
-        check_output(target, overwrite, [source])
+        check_output(target, overwrite, [Path("/dev/stdin") if source == STREAM else source])
     bar = Bar(quiet)
     try:
         model, report = encode_with_report(

@@ -73,7 +73,7 @@ class AxisCosts:
             for k in range(len(given), count):
                 others = chosen[:k] + chosen[k + 1 :]
                 chosen[k] = int(pool[np.argmin(self._with(others)[pool])])
-            if self.mean_cost(chosen) >= before * 0.999:
+            if not self.mean_cost(chosen) < before * 0.999:  # nor where there is nothing left to gain
                 return self._ordered(chosen)
 
     def mean_cost(self, chosen: list[int]) -> float:
@@ -137,7 +137,7 @@ def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, npt.
     """(N,) cost of the axis at each point, whether the axis sees the point, and how deep below the surface it is along
     the axis where it does not."""
     seen = visible_points(solid, points, normals, axis)
-    cosine = np.maximum(np.abs(normals @ axis), LEAST_COSINE)
+    cosine = np.clip(np.abs(normals @ axis), LEAST_COSINE, 1)
     cost = SLANT * (1 / cosine - 1)
     hidden = np.flatnonzero(~seen)
     # What is hidden from the axis is filled up to the nearer of the two surfaces along it.

@@ -12,7 +12,7 @@ from ..errors import require
 from .axisset import AxisCosts
 from .bodies import bodies_of_solid, filled_volume, piercing
 from .goal import parse_length
-from .pipeline import hidden_warning, unseen
+from .pipeline import check_seed, hidden_warning, unseen
 from .prepare import prepare
 from .repair import I64, Edges, connected, edges_of
 from .settings import PRESETS
@@ -63,6 +63,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     A surface that `encode` refuses, for being open or too thin, has a `refusal`. Raises InputError and MeshError for
     what is no mesh, OptionError, and MissingExtraError (the `encode` extra).
     """
+    check_seed(seed)
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     for library in ("embreex", "igl", "trimesh"):
         require(library, "encode")

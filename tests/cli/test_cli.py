@@ -232,7 +232,16 @@ def test_no_output_replaces_its_input(fails, box, model, tmp_path):
     own.write_bytes(model.read_bytes())
     assert "is the input itself" in fails(1, "decode", own, own, "--overwrite")
     assert "is the input itself" in fails(1, "compare", box, box, "--html", box, "--overwrite")
+    with open(box, "rb") as file:
+        command = [*ENCODE, "-", box, "--overwrite"]
+        done = subprocess.run(command, stdin=file, capture_output=True, text=True, check=False)
+    assert "is the input itself" in done.stderr
     assert box.read_bytes() == before
+
+
+@pytest.mark.parametrize("seed", ["-1", "99999999999"])
+def test_check_refuses_seeds_as_encode_does(fails, box, seed):
+    assert f"seed is {seed}" in fails(2, "encode", "--check", box, "--seed", seed)
 
 
 def test_a_stream_with_a_grid_beside_it_carries_the_mesh_only(model, tmp_path):

@@ -111,3 +111,25 @@ def test_what_lies_within_the_solid_is_not_missed():
     found = check(trimesh.util.concatenate([box(*CUBE), inner]))
     assert found.hidden == pytest.approx(0.16 / 1.16, abs=0.01)
     assert found.filled == pytest.approx(0.4**3, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [(4, 3, 1), (10, 20, 30), (2, 1, 0.1)])
+def test_boxes_are_checked_in_finite_time(size):
+    # A cosine of 1 + 2e-16 made their best axes cost less than nothing, and the search for better ones endless.
+    assert check(trimesh.creation.box(size)).volume == pytest.approx(np.prod(size))
+
+
+def test_shells_that_share_vertices_are_no_more_than_the_largest():
+    # Three levels of detail of one octahedron, the finer ones on its corners.
+    levels = [trimesh.creation.icosphere(k) for k in (0, 1, 2)]
+    assert of_solid(*levels).volume == pytest.approx(levels[2].volume, rel=0.01)
+
+
+def test_an_open_surface_has_a_noise_and_no_certain_parts():
+    cracked = ball(0.5)
+    cracked.update_faces(np.arange(len(cracked.faces)) > 0)
+    found = of_solid(cracked)
+    assert not found.closed
+    assert 0 < found.noise < 0.05
+    assert of_solid(ball(0.5)).closed
+    assert of_solid(ball(0.5)).noise == 0

@@ -260,6 +260,7 @@ def test_parts_and_volume_that_change_are_told():
     (apart,) = changed(Bodies(1, 0, 1.0), Bodies(2, 0, 1.0))
     assert apart.startswith("the input has 1 part, the result 2 parts: some have come apart")
     assert changed(Bodies(1, 0, 1.0), Bodies(1, 7, 1.0)) == ["the result has 7 specks that the input has not"]
+    assert changed(Bodies(300, 0, 1.0, 0.05, closed=False), Bodies(1, 0, 1.06)) == []
     assert changed(Bodies(1, 0, 8.0), Bodies(1, 0, 7.0)) == [
         "the volume of the result is 7, that of the input 8 (-12.5 %)"
     ]

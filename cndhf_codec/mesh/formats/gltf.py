@@ -31,7 +31,16 @@ SHAPELESS = (
         "KHR_techniques_",
     ),
     *("EXT_texture_", "EXT_lights_", "EXT_structural_metadata", "EXT_mesh_features", "EXT_instance_features"),
-    *("MSFT_texture_", "MSFT_packing_", "VRM", "CESIUM_primitive_outline", "FB_ngon_encoding", "GOOGLE_texture_"),
+    *(
+        "MSFT_texture_",
+        "MSFT_packing_",
+        "VRM",
+        "EXT_materials_",
+        "ADOBE_materials_",
+        "CESIUM_primitive_outline",
+        "FB_ngon_encoding",
+        "GOOGLE_texture_",
+    ),
 )
 STRIP, FAN, LIST = 5, 6, 4  # primitive modes; those below are points and lines
 
@@ -214,6 +223,9 @@ class _Scene:
                 if mode < LIST:
                     self._other += 1
                     continue
+                if "POSITION" not in section(primitive, "attributes", dict, name):
+                    self.notes.append(f"{name}, primitive {k}: has no POSITION and was left out")
+                    continue
                 made.append(self._primitive(primitive, mode, f"{name}, primitive {k}", weights))
             if morphed:
                 return made
@@ -222,8 +234,6 @@ class _Scene:
 
     def _primitive(self, primitive: Object, mode: int, where: str, weights: F64 | None) -> Primitive:
         attributes = section(primitive, "attributes", dict, where)
-        if "POSITION" not in attributes:
-            raise UnreadableError(f"{where}: has no POSITION")
         packed = section(primitive, "extensions", dict, where).get(DRACO)
         joints = weights_of = None
         if isinstance(packed, dict) and not self._has_fallback(primitive, attributes, where):

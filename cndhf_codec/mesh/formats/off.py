@@ -25,7 +25,7 @@ from .common import (
 from .polygons import triangulate
 
 # Prefixes come in any order. A small n before a large OFF is a number of dimensions.
-KEYWORD = re.compile(r"((?:ST|C|N|4|n)*)OFF|((?:st|c|n|4)*)off")
+KEYWORD = re.compile(r"((?:ST|C|N|4)*)OFF", re.IGNORECASE)
 
 
 def read_off(data: bytes) -> Triangles:
@@ -76,8 +76,8 @@ def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
     rest = lines[0][match.end() :].strip()
     if rest.lower().startswith("binary"):
         raise UnreadableError("is a binary OFF file, which is not read; save it as ASCII OFF, or as PLY")
-    prefix = match[1] or (match[2] or "").upper()
-    if "n" in prefix:
+    prefix = (match[1] or "").upper()
+    if "nOFF" in match[0]:
         raise UnreadableError(
             f"is of the kind {shown(match[0])}, of any number of dimensions, which is not read; save it as OFF"
         )

@@ -142,7 +142,7 @@ def _strips(values: I64, sizes: I64) -> I64:
     time. -1 begins anew."""
     out = []
     # Where strips begin, and where they begin anew: a run of vertices goes from one such place to the next.
-    new = np.flatnonzero(values == -1)
+    new = np.flatnonzero((values == -1) | (values == 2**32 - 1))  # the latter is -1 in unsigned numbers
     places = np.unique(np.concatenate([[0], np.cumsum(sizes), new, new + 1])).tolist()
     for begin, end in itertools.pairwise(places):
         if end - begin > 2:

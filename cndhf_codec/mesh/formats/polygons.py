@@ -148,7 +148,7 @@ def _ears(points: list[list[float]]) -> tuple[list[tuple[int, int, int]], bool]:
             simple = simple and all(abs(turn) <= FLAT for turn in turns.values())
             if len(after) > FANS:
                 rest = [k := next(iter(after)), *(k := after[k] for _ in range(len(after) - 1))]
-                return [*out, *((rest[0], b, c) for b, c in itertools.pairwise(rest[1:]))], simple
+                return [*out, *((rest[0], b, c) for b, c in itertools.pairwise(rest[1:]))], False
             best = max(turns, key=lambda k: (turns[k], -k))
         a, c = before[best], after[best]
         out.append((a, best, c))
