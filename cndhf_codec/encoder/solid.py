@@ -110,7 +110,8 @@ class Solid:
             hit = hit[hit >= 0]
             for side, at in enumerate((hit[self.normals[hit] @ direction > 0], hit[self.normals[hit] @ direction < 0])):
                 seen[side] += np.bincount(patch[at], minlength=seen.shape[1])
-        if not seen.any():  # thinner than the rays lie apart: a closed patch looks outward when its volume is positive
+        unseen = seen.sum(axis=0) == 0
+        if unseen.all():  # thinner than the rays lie apart: a closed patch looks outward when its volume is positive
             volumes = np.bincount(patch, weights=signed_volumes(self.vertices, self.faces))
             seen[1] = (volumes < 0) & ~self.repaired.open_patch
         rays, behind = np.maximum(seen.sum(axis=0), 1), seen.min(axis=0)
@@ -118,7 +119,10 @@ class Solid:
         self.behind = float(behind.sum() / rays.sum())
         self.open = float(rays[sheet].sum() / rays.sum())
         self.sheet = (sheet | (self.repaired.open_patch & (rays < FEW)))[patch]
-        return (seen[1] > seen[0])[patch]
+        inward = seen[1] > seen[0]
+        if not unseen.all() and inward[~unseen].all():
+            inward |= unseen  # all was turned inside out, and so was what no ray meets: a cavity stays one
+        return inward[patch]
 
 
 def _cross(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:

@@ -133,3 +133,10 @@ def test_an_open_surface_has_a_noise_and_no_certain_parts():
     assert 0 < found.noise < 0.05
     assert of_solid(ball(0.5)).closed
     assert of_solid(ball(0.5)).noise == 0
+
+
+def test_a_hollow_ball_inside_out_stays_hollow():
+    found = of_solid(ball(0.8, inverted=True), ball(0.4))
+    assert found.volume == pytest.approx(ball(0.8).volume - ball(0.4).volume)
+    # Where the shell looks outward, what is within it stays as it is given.
+    assert of_solid(ball(0.8), ball(0.4)).volume == pytest.approx(ball(0.8).volume, rel=0.01)
