@@ -173,7 +173,10 @@ def _checked(c: Check) -> str:
         lines.append(f"edges that pierce other faces: {percent(c.self_intersections)}")
     if c.parts is not None and c.minor_parts is not None and c.volume is not None:
         tiny = f" and {c.minor_parts} tiny ones" if c.minor_parts else ""
-        lines.append(f"parts that do not touch: {c.parts}{tiny}; volume: {c.volume:.7g}")
+        if c.boundary_edges:  # cracks may go between any of its faces
+            lines.append(f"volume: about {c.volume:.3g}; parts are not counted, for the surface is open")
+        else:
+            lines.append(f"parts that do not touch: {c.parts}{tiny}; volume: {c.volume:.7g}")
     if c.hidden and c.filled is not None:
         lines.append(
             f"hidden from every axis, to be filled: {percent(c.hidden)} of the surface, "
@@ -193,6 +196,8 @@ def _bodies(found: Bodies | None) -> str:
     from ..encoder.prepare import counted
 
     assert found is not None
+    if not found.closed:
+        return f"open, volume about {found.volume:.3g}"
     tiny = f" and {found.minor} tiny" if found.minor else ""
     return f"{counted(found.parts)}{tiny}, volume {found.volume:.4g}"
 
