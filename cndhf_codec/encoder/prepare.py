@@ -25,6 +25,7 @@ MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000
 BEHIND = 0.01
 SPECKS = 0.001  # share of the surface up to which parts are specks, all together: less than any error of a file
 FAR_AWAY = 2.0  # a frame so many times as large leaves half of the detail
+THINNEST = 4 * BOX_STEP  # normalised units: a domain's box is rounded by up to a step at either side
 ROUNDING = 0.001  # a smaller share is not worth a line: of rays, a face seen from behind at a silhouette
 
 
@@ -112,9 +113,9 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
     if not refusal and solid.closed:
         # Of a plate it is the thickness, of a rod half of it.
         thickness = 2 * abs(solid.signed_volume) / float(solid.areas.sum())
-        if thickness < BOX_STEP:
+        if thickness < THINNEST:
             refusal = (
-                f"{mesh.name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / BOX_STEP:.0f}th of its size: "
+                f"{mesh.name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / THINNEST:.0f}th of its size: "
                 "thinner than a file can tell; thicken it"
             )
     return Prepared(given, flipped, norm, solid, reference, extents, diagonal, assumptions, refusal)
