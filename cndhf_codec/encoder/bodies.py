@@ -20,6 +20,7 @@ LEAST_DEPTH = 1e-6  # how far an edge must go through a face to count (normalise
 VOLUME_POINTS, FEW = 30_000, 15  # every FEWth is looked at first
 
 F64 = npt.NDArray[np.float64]
+Piercing = tuple[I64, npt.NDArray[np.bool_], npt.NDArray[np.int32]]
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,11 @@ def bodies_of_surface(vertices: F64, faces: I64) -> Bodies:
     return Bodies(parts, minor, float(volumes.sum()))
 
 
-def bodies_of_solid(solid: Solid, seed: int) -> Bodies:
-    """Of a solid, whose parts may overlap, touch or be open. Normalised units."""
+def bodies_of_solid(solid: Solid, seed: int, edges: Piercing | None = None) -> Bodies:
+    """Of a solid, whose parts may overlap, touch or be open. Normalised units. edges: what `piercing` gives, if it is
+    known."""
     label = _labels(solid.vertices, solid.faces)
-    pairs, pierced, face = piercing(solid, seed)
+    pairs, pierced, face = edges or piercing(solid, seed)
     single = label.max() == 0
     if not single:
         of_vertex = np.zeros(len(solid.vertices), dtype=np.int64)
@@ -112,7 +114,7 @@ def _spread(solid: Solid) -> tuple[F64, float]:
     return lo + (steps + 0.5) % 1 * (hi - lo), float((hi - lo).prod())
 
 
-def piercing(solid: Solid, seed: int) -> tuple[I64, npt.NDArray[np.bool_], npt.NDArray[np.int32]]:
+def piercing(solid: Solid, seed: int) -> Piercing:
     """(E, 2) edges, at most EDGES drawn at random; whether each goes through a face with which it shares no vertex;
     and the face, (E,)."""
     pairs = np.concatenate([solid.faces[:, [k, (k + 1) % 3]] for k in range(3)])

@@ -71,10 +71,11 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     mesh, solid, scale = prepared.given, prepared.solid, prepared.norm.scale
     edges = edges_of(mesh.faces, len(mesh.vertices))
     boundary = _boundary(mesh.faces, edges)
+    pierced = piercing(solid, seed)
     parts = minor_parts = volume = filled = hidden = axes = floor = None
     assumptions, refusal = prepared.assumptions, prepared.refusal
     if refusal is None:
-        bodies = bodies_of_solid(solid, seed).scaled(scale)
+        bodies = bodies_of_solid(solid, seed, pierced).scaled(scale)
         parts, minor_parts, volume = bodies.parts, bodies.minor, bodies.volume
         with Team(min(4, processors())) as team:
             costs = AxisCosts(solid, seed, team)
@@ -101,7 +102,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         boundary_edges=len(boundary),
         nonmanifold_edges=int((edges.count > 2).sum()),
         flipped=prepared.flipped,
-        self_intersections=float(piercing(solid, seed)[1].mean()),
+        self_intersections=float(pierced[1].mean()),
         parts=parts,
         minor_parts=minor_parts,
         volume=volume,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import numpy.typing as npt
 
@@ -84,7 +86,7 @@ class Solid:
             distance *= np.minimum(np.abs(2 * self.winding_numbers(wide) - 1), 1)
         return distance
 
-    @property
+    @cached_property
     def closed(self) -> bool:
         """Whether faces run along every edge as often one way as the other: then winding numbers are whole."""
         return not edges_of(self.faces, len(self.vertices)).net.any()

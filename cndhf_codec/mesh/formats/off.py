@@ -76,7 +76,7 @@ def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
     rest = lines[0][match.end() :].strip()
     if rest.lower().startswith("binary"):
         raise UnreadableError("is a binary OFF file, which is not read; save it as ASCII OFF, or as PLY")
-    prefix = (match[1] or "").upper()
+    prefix = match[1].upper()
     if "nOFF" in match[0]:
         raise UnreadableError(
             f"is of the kind {shown(match[0])}, of any number of dimensions, which is not read; save it as OFF"
@@ -94,7 +94,8 @@ def _take_counts(lines: list[str], places: list[int]) -> tuple[int, int]:
         raise UnreadableError("ends before the numbers of vertices and faces")
     words, where = lines[0].split(), f"line {places[0]}"
     if not 2 <= len(words) <= 3:  # lines end anywhere: the next three words
-        words, *rest = [" ".join(lines).split(None, 3)[:3], *" ".join(lines).split(None, 3)[3:]]
+        words = " ".join(lines).split(None, 3)
+        words, rest = words[:3], words[3:]
         lines[1:], places[1:] = rest, places[:1] * len(rest)
     if len(words) < 2 or not all(w.isascii() and w.isdigit() for w in words[:2]):  # nobody counts the edges
         raise UnreadableError(f"{where}: {shown(lines[0])} where the numbers of vertices, faces and edges should stand")

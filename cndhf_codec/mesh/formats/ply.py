@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -206,8 +205,8 @@ def _binary(data: bytes, at: int, elements: list[Element], order: str) -> tuple[
     """The columns of every element, and a note on what is behind the last."""
     out = []
     for element in elements:
-        found = None
-        for alike in _alike(data, at, element, order):
+        found, alike = None, _alike(data, at, element, order)
+        if alike is not None:
             found, size = _table(data, at, element, order, alike)
         if found is None:
             found, size = _rows(data, at, element, order)
@@ -221,8 +220,8 @@ def _short(element: Element) -> UnreadableError:
     return UnreadableError(f"the file is cut short within its {element.rows} {shown(element.name)} elements")
 
 
-def _alike(data: bytes, at: int, element: Element, order: str) -> Iterator[list[int]]:
-    """The lengths of the lists, when those of all rows are as those of the first; else nothing."""
+def _alike(data: bytes, at: int, element: Element, order: str) -> list[int] | None:
+    """The lengths of the lists of the first row, as those of all may be; None where they cannot be."""
     sizes: list[int] = []
     if element.rows:
         for p in element.properties:
@@ -234,9 +233,9 @@ def _alike(data: bytes, at: int, element: Element, order: str) -> Iterator[list[
                 raise _short(element)
             sizes.append(int(np.frombuffer(data, order + p.count, 1, at)[0]))
             if not 0 <= sizes[-1] <= len(data) - at:
-                return
+                return None
             at += width + sizes[-1] * int(p.kind[1])
-    yield sizes
+    return sizes
 
 
 def _table(data: bytes, at: int, element: Element, order: str, sizes: list[int]) -> tuple[list[Column] | None, int]:
