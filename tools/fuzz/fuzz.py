@@ -6,8 +6,6 @@ A finding is any exception but a FormatError, any warning, more than 64 MB of me
 
 from __future__ import annotations
 
-import sys
-import warnings
 from pathlib import Path
 
 import atheris
@@ -20,7 +18,7 @@ with atheris.instrument_imports(include=["cndhf_codec.format", "cndhf_codec.deco
 import measure
 import mutate
 import numpy as np
-from watch import FindingError, Watch, digest
+from watch import FindingError, Watch, digest, run
 
 TESTS = Path(__file__).parent.parent.parent / "tests"
 VALID = [p.read_bytes() for name in ("golden", "must_load") for p in sorted((TESTS / name).glob("*.cndhf"))]
@@ -63,16 +61,5 @@ def custom_mutator(data: bytes, most: int, seed: int) -> bytes:
     return mutate.mutate(data, most, seed, lambda part, n: atheris.Mutate(part, min(n, most)), VALID)
 
 
-def main() -> None:
-    warnings.simplefilter("error")
-    corpus = [a for a in sys.argv[1:] if not a.startswith("-")]
-    if corpus:
-        Path(corpus[0]).mkdir(parents=True, exist_ok=True)
-        for seed in SEEDS:
-            (Path(corpus[0]) / f"seed-{digest(seed)}").write_bytes(seed)
-    atheris.Setup(sys.argv, one_input, custom_mutator=custom_mutator)
-    atheris.Fuzz()
-
-
 if __name__ == "__main__":
-    main()
+    run(SEEDS, one_input, custom_mutator)

@@ -7,10 +7,6 @@ this package does not vouch for, is left out: `mesh_target.py` makes them unavai
 
 from __future__ import annotations
 
-import sys
-import warnings
-from pathlib import Path
-
 import atheris
 
 with atheris.instrument_imports(include=["cndhf_codec.mesh"]):
@@ -21,7 +17,7 @@ import mesh_mutate
 import mesh_target
 import numpy as np
 from mesh_seeds import seeds
-from watch import FindingError, Watch, digest
+from watch import FindingError, Watch, run
 
 SEEDS = seeds()
 watch = Watch(measure.SUBJECTS["meshes"], slowest=0.8)
@@ -61,16 +57,5 @@ def custom_mutator(data: bytes, most: int, seed: int) -> bytes:
     return mesh_mutate.mutate(data, most, seed, lambda part, n: atheris.Mutate(part, min(n, most)), SEEDS)
 
 
-def main() -> None:
-    warnings.simplefilter("error")
-    corpus = [a for a in sys.argv[1:] if not a.startswith("-")]
-    if corpus:
-        Path(corpus[0]).mkdir(parents=True, exist_ok=True)
-        for seed in SEEDS:
-            (Path(corpus[0]) / f"seed-{digest(seed)}").write_bytes(seed)
-    atheris.Setup(sys.argv, one_input, custom_mutator=custom_mutator)
-    atheris.Fuzz()
-
-
 if __name__ == "__main__":
-    main()
+    run(SEEDS, one_input, custom_mutator)

@@ -1,4 +1,4 @@
-"""What each execution of a fuzzer costs, and the worst of them so far."""
+"""What the two fuzzers share: what each execution costs, the worst of them so far, and the run."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import hashlib
 import subprocess
 import sys
 import time
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import atheris
 import measure
 
 
@@ -62,3 +65,17 @@ class Watch:
         if done.returncode:
             raise FindingError(f"too slow or too large: {done.stdout} {done.stderr}")
         path.unlink()
+
+
+def run(
+    seeds: Sequence[bytes], one_input: Callable[[bytes], None], custom_mutator: Callable[[bytes, int, int], bytes]
+) -> None:
+    """Puts the seeds into the corpus that the command line names, and lets libFuzzer go on from there."""
+    warnings.simplefilter("error")
+    corpus = [a for a in sys.argv[1:] if not a.startswith("-")]
+    if corpus:
+        Path(corpus[0]).mkdir(parents=True, exist_ok=True)
+        for seed in seeds:
+            (Path(corpus[0]) / f"seed-{digest(seed)}").write_bytes(seed)
+    atheris.Setup(sys.argv, one_input, custom_mutator=custom_mutator)
+    atheris.Fuzz()
