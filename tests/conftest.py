@@ -53,7 +53,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def make_tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     from cndhf_codec.encoder import pipeline, settings
-    from cndhf_codec.encoder.verify import surface_distances
+    from cndhf_codec.mesh.distances import surface_distances
 
     small = replace(
         settings.PRESETS["fast"],

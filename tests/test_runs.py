@@ -25,7 +25,7 @@ from cndhf_codec import cli
 command = getattr(cli, name)
 if name == "encode":
     import igl, numba, torch, trimesh
-    import cndhf_codec.cli.encode, cndhf_codec.encoder.pipeline, cndhf_codec.encoder.joint, cndhf_codec.encoder.rounding
+    import cndhf_codec.cli.encode, cndhf_codec.encoder.pipeline, cndhf_codec.encoder.dhf.encode
     from cndhf_codec.encoder import settings
     settings.PRESETS["fast"] = replace(
         settings.PRESETS["fast"], max_axes=1, width=6, target_size=None, steps=20, batch=256, target_resolution=48,

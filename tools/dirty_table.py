@@ -13,12 +13,12 @@ import click
 import numpy as np
 from picture import plt
 
-from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
-from cndhf_codec.encoder.solid import Solid
-from cndhf_codec.encoder.verify import surface_distances
 from cndhf_codec.errors import CndhfError
+from cndhf_codec.mesh.distances import surface_distances
+from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import read_mesh
+from cndhf_codec.mesh.solid import Solid
 from cndhf_codec.report.render import picture, view_frame
 
 WALL = "1%"

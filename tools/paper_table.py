@@ -16,10 +16,10 @@ import click
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cndhf_codec.encoder.normalise import normalisation
 from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.progress import Bar
-from cndhf_codec.encoder.verify import sample_surface
+from cndhf_codec.mesh.distances import sample_surface
+from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import read_mesh
 
 SAMPLES = 5_000_000

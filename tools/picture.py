@@ -11,7 +11,7 @@ import click
 import matplotlib
 import numpy as np
 
-from cndhf_codec.encoder.solid import Solid
+from cndhf_codec.mesh.solid import Solid
 from cndhf_codec.report.compare import read_shape
 from cndhf_codec.report.render import picture, view_frame
 

@@ -16,9 +16,9 @@ from .sizes import parse_size
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
-    from ..encoder.bodies import Bodies
     from ..encoder.check import Check
     from ..encoder.pipeline import Report
+    from ..mesh.bodies import Bodies
 
 
 @click.command(context_settings={"show_default": True})
@@ -159,7 +159,7 @@ def _check(source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: st
 
 
 def _checked(c: Check) -> str:
-    from ..encoder.prepare import counted, percent
+    from ..mesh.prepare import counted, percent
 
     lines = [
         f"{c.name}: {c.faces} faces, {c.vertices} vertices, {counted(c.components, 'component')}",
@@ -193,7 +193,7 @@ def _checked(c: Check) -> str:
 
 
 def _bodies(found: Bodies | None) -> str:
-    from ..encoder.prepare import counted
+    from ..mesh.prepare import counted
 
     assert found is not None
     if not found.closed:

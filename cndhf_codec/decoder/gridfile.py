@@ -6,15 +6,15 @@ import io
 import os
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, Mask
 from ..files import write_atomically
 
 
 def write_grid(
     path: str | os.PathLike[str],
-    grid: npt.NDArray[np.bool_],
-    origin: npt.NDArray[np.float64],
+    grid: Mask,
+    origin: F64,
     spacing: float,
     overwrite: bool = False,
 ) -> None:

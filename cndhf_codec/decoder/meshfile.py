@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..errors import OptionError, require
 from ..files import write_atomically
 
 WITH_NORMALS = {"ply": "vertex_normal", "obj": "include_normals", "glb": "include_normals"}  # trimesh's options
 EXTENSIONS = (".ply", ".obj", ".stl", ".off", ".glb")
 FINE = 1e-6  # of the mesh's size: rounding that no one will miss
-
-F64 = npt.NDArray[np.float64]
 
 
 def check_extension(path: str | os.PathLike[str]) -> str:
@@ -77,7 +75,7 @@ def write_mesh(
     return None if warning is None else f"{Path(path)}: {warning}"
 
 
-def _obj(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:
+def _obj(vertices: F64, faces: I64, normals: F64 | None) -> bytes:
     if normals is None:
         return f"{_coordinates('v ', vertices)}{_numbers('f', faces + 1)}".encode()
     directions = "".join([f"vn {x:.6g} {y:.6g} {z:.6g}\n" for x, y, z in normals.tolist()])
@@ -85,7 +83,7 @@ def _obj(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> by
     return f"{_coordinates('v ', vertices)}{directions}{corners}".encode()
 
 
-def _off(vertices: F64, faces: npt.NDArray[np.int64]) -> bytes:
+def _off(vertices: F64, faces: I64) -> bytes:
     head = f"OFF\n{len(vertices)} {len(faces)} 0\n"
     return f"{head}{_coordinates('', vertices)}{_numbers('3', faces)}".encode()
 
@@ -97,11 +95,11 @@ def _coordinates(start: str, vertices: F64) -> str:
     return "".join([f"{start}{x:.{digits}g} {y:.{digits}g} {z:.{digits}g}\n" for x, y, z in vertices.tolist()])
 
 
-def _numbers(start: str, faces: npt.NDArray[np.int64]) -> str:
+def _numbers(start: str, faces: I64) -> str:
     return "".join([f"{start} {a} {b} {c}\n" for a, b, c in faces.tolist()])
 
 
-def _double_ply(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:
+def _double_ply(vertices: F64, faces: I64, normals: F64 | None) -> bytes:
     names = ["x", "y", "z"] if normals is None else ["x", "y", "z", "nx", "ny", "nz"]
     columns = vertices if normals is None else np.hstack([vertices, normals])
     properties = "".join(f"property double {name}\n" for name in names)
@@ -114,7 +112,7 @@ def _double_ply(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None
     return head.encode() + columns.astype("<f8").tobytes() + records.tobytes()
 
 
-def _moved_glb(vertices: F64, faces: npt.NDArray[np.int64], normals: F64 | None) -> bytes:
+def _moved_glb(vertices: F64, faces: I64, normals: F64 | None) -> bytes:
     trimesh = require("trimesh", "mesh")
     middle = vertices.min(axis=0) / 2 + vertices.max(axis=0) / 2
     scene = trimesh.Scene()

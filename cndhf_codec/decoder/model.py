@@ -15,19 +15,19 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
+from ..arrays import F32
 from ..errors import CndhfWarning, FormatError, InputError, LimitError, OptionError, SurfaceError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
-from .dhf import Dhf, implicit, implicit_gradient
+from .dhf.field import Dhf, implicit, implicit_gradient
 from .limits import Limits
-from .network import F32
 from .parallel import over_rows
 
 if TYPE_CHECKING:
-    from .cells import CellGrid
-    from .rays import RayHits
-    from .surface import Tabled
-    from .thickness import Thickness
+    from .dhf.cells import CellGrid
+    from .dhf.isosurface import Tabled
+    from .dhf.rays import RayHits
+    from .dhf.thickness import Thickness
 
 # What only surfaces, many points or rays need is imported where it is used: to load a file should cost little.
 
@@ -183,7 +183,7 @@ class Model:
         and out again within s / 1000, both crossings may be missed.
         Raises OptionError when a last dimension is not 3 or the shapes do not broadcast.
         """
-        from .rays import RayHits, first_crossings
+        from .dhf.rays import RayHits, first_crossings
 
         from_, along = (_last_dimension(a, 3) for a in (origins, directions))
         try:
@@ -211,7 +211,7 @@ class Model:
         return RayHits(distance.reshape(shape[:-1]), point.reshape(shape), normal.reshape(shape))
 
     def _cell_grid(self) -> CellGrid:
-        from .cells import CellGrid
+        from .dhf.cells import CellGrid
 
         with self._lock:  # the first thread makes it, others wait
             if self._cells is None:
@@ -220,7 +220,7 @@ class Model:
 
     def _grid(self, resolution: int) -> Tabled:
         """The grid of a resolution and the height tables that go with it, which the next surface may want again."""
-        from .surface import make_grid
+        from .dhf.isosurface import make_grid
 
         with self._lock:
             if self._tables is None or self._tables[0] != resolution:
@@ -263,7 +263,7 @@ class Model:
         fields' solids: some hundred MiB, but up to 4 GiB for a field of noise.
         Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
         """
-        from . import surface  # here: a program that only asks for points should not wait for it
+        from .dhf import isosurface as surface  # here: a program that only asks for points should not wait for it
 
         chosen = method is not None or resolution is not None
         cells = RESOLUTION if resolution is None else resolution
@@ -297,7 +297,8 @@ class Model:
         self, max_error: float | str | None, faces: int | None, resolution: int
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         """In the normalised frame."""
-        from . import solids, surface
+        from .dhf import intersection as solids
+        from .dhf import isosurface as surface
 
         if max_error is not None and faces is not None:
             raise OptionError("give max_error or faces, not both")
@@ -335,7 +336,7 @@ class Model:
     def surface(self, resolution: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         """Vertices and triangles in the normalised frame: an intersection where walls are thinner than a cell of the
         default resolution, else marching cubes at the one given."""
-        from . import surface
+        from .dhf import isosurface as surface
 
         if self._thin(RESOLUTION):
             return self._intersection(None, None, RESOLUTION)
@@ -343,7 +344,7 @@ class Model:
 
     def _thin(self, resolution: int) -> Thickness | None:
         """How thick the solid is, where a cell of this resolution is thicker."""
-        from .thickness import thickness
+        from .dhf.thickness import thickness
 
         with self._lock:
             if self._thickness is None:
@@ -371,7 +372,7 @@ class Model:
         of `to_mesh`, with 2 bytes a node in place of those of vertices.
         Raises OptionError or SurfaceError.
         """
-        from . import surface
+        from .dhf import isosurface as surface
 
         self.limits.check(self.container, resolution)
         self._warn_of_thin(resolution)

@@ -7,16 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import I64
 from ..decoder.parallel import processors
 from ..errors import require
-from .axisset import AxisCosts
-from .bodies import bodies_of_solid, filled_volume, piercing
-from .goal import parse_length
+from ..mesh.bodies import bodies_of_solid, filled_volume, piercing
+from ..mesh.prepare import prepare
+from ..mesh.repair import Edges, connected, edges_of
+from .dhf.axes.costs import AxisCosts
 from .pipeline import check_seed, hidden_warning, unseen
-from .prepare import prepare
-from .repair import I64, Edges, connected, edges_of
 from .settings import PRESETS
-from .team import Team
+from .size_search import parse_length
+from .thread_pool import Team
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceE
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
-from .bodies import Bodies, bodies_of_solid, bodies_of_surface
+from ..mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface
+from ..mesh.distances import Distances, surface_distances
+from ..mesh.prepare import counted, percent, prepare, solid_or_error
 from .deadline import Deadline
-from .goal import parse_length, smallest_file
-from .prepare import counted, percent, prepare, solid_or_error
 from .progress import OnStep, Progress, silent
 from .settings import Settings, settings_for
-from .verify import Distances, surface_distances
+from .size_search import parse_length, smallest_file
 
 VERIFY_SHARE = 0.1  # of a time limit
 POOR = 0.025  # a larger mean error, of the diagonal, is that of a failed fit
@@ -194,9 +194,9 @@ def encode_with_report(
         require(library, "encode")
     from threadpoolctl import threadpool_limits
 
-    from .fit import choose_device
-    from .joint import encode_joint
-    from .paper import encode_paper
+    from .dhf.encode import encode_joint
+    from .dhf.fit.single import choose_device
+    from .paper.encode import encode_paper
 
     torch_device = choose_device(device)
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None

@@ -1,1 +1,1 @@
-"""Meshes in: what encoders and reports share. No torch, no numba."""
+"""Meshes in, and what encoders and reports share: solids, frames, samples, distances. No torch, no numba."""

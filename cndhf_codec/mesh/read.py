@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
+from ..arrays import F64, I64, Mask
 from ..errors import InputError, MeshError, MissingExtraError, require
 from ..files import read_bytes
 from .formats import gltf, obj, off, ply, recognise, stl, threemf
@@ -52,14 +53,14 @@ class Mesh:
     each thing in the file that was not read as it stands.
     """
 
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int64]
+    vertices: F64
+    faces: I64
     name: str
     dropped: int
     notes: tuple[str, ...] = ()
 
     @property
-    def triangles(self) -> npt.NDArray[np.float64]:
+    def triangles(self) -> F64:
         """(M, 3, 3) corner positions."""
         return self.vertices[self.faces]
 
@@ -260,7 +261,7 @@ def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
     return Mesh(vertices[used], _in_order((np.cumsum(used) - 1)[faces]), name, dropped)
 
 
-def check_size(vertices: npt.NDArray[np.float64], name: str) -> None:
+def check_size(vertices: F64, name: str) -> None:
     """Raise MeshError for a mesh that is too large, too small or too far away for the float32 of a file's frame."""
     lo, hi = vertices.min(axis=0), vertices.max(axis=0)
     half = hi / 2 - lo / 2
@@ -272,7 +273,7 @@ def check_size(vertices: npt.NDArray[np.float64], name: str) -> None:
         raise MeshError(f"{name}: its place ({np.abs(vertices).max():g}) is beyond {LARGEST:g}; move it to the origin")
 
 
-def distinct_rows(rows: npt.NDArray[Number]) -> tuple[npt.NDArray[Number], npt.NDArray[np.int64]]:
+def distinct_rows(rows: npt.NDArray[Number]) -> tuple[npt.NDArray[Number], I64]:
     """The distinct rows of (N, d), sorted by their first column, then the second, and so on; and which of them each row
     is, (N,). As numpy's `unique` by rows, in less time and memory."""
     order = np.lexsort(rows.T[::-1])
@@ -284,14 +285,14 @@ def distinct_rows(rows: npt.NDArray[Number]) -> tuple[npt.NDArray[Number], npt.N
     return ordered[new], number
 
 
-def _has_area(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+def _has_area(vertices: F64, faces: I64) -> Mask:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     # Relative to the longest edge, so that the test means the same in metres and in micrometres.
     edge = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * edge**2)
 
 
-def _in_order(faces: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _in_order(faces: I64) -> I64:
     """Every face from its least vertex on, and the faces sorted: what a file's order of faces and vertices was is
     forgotten, so that one geometry gives one file whatever the format it came in."""
     first = faces.argmin(axis=1)[:, None]

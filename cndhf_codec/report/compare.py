@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..decoder.model import load
-from ..encoder.verify import Distances, surface_distances
+from ..mesh.distances import Distances, surface_distances
 from ..mesh.read import read_mesh
 
 FINE = 384  # resolution of a .cndhf file's surface
@@ -22,8 +22,8 @@ class Shape:
     """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file, and notes: a
     line for each thing in it that was not read as it stands."""
 
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int64]
+    vertices: F64
+    faces: I64
     name: str
     bytes: int
     notes: tuple[str, ...] = ()

@@ -8,11 +8,11 @@ from html import escape
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..encoder.solid import Solid
-from ..encoder.verify import point_distances
+from ..arrays import I32
 from ..errors import require
+from ..mesh.distances import point_distances
+from ..mesh.solid import Solid
 from .compare import Comparison
 from .render import shade, view_frame, visible
 
@@ -90,7 +90,7 @@ def _pictures(c: Comparison, up: str) -> list[str]:
     return out
 
 
-def _filled(*faces: npt.NDArray[np.int32]) -> tuple[slice, slice]:
+def _filled(*faces: I32) -> tuple[slice, slice]:
     """Rows and columns of the pictures in which there is something, and a few more."""
     hit = np.any([face.reshape(SIZE, SIZE) >= 0 for face in faces], axis=0)
     spans = [np.flatnonzero(hit.any(axis=axis)) for axis in (1, 0)]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from ..encoder.solid import Solid
-
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64, I32
+from ..mesh.solid import Solid
 
 LIGHT = np.array([0.3, 0.4, 0.87])
 WARM = np.array([0.93, 0.86, 0.76])
@@ -22,7 +20,7 @@ def view_frame(azimuth: float, elevation: float, up: str = "y") -> F64:
     return frame if up == "y" else frame[:, [2, 0, 1]]
 
 
-def visible(solid: Solid, frame: F64, size: int) -> tuple[npt.NDArray[np.int32], F64]:
+def visible(solid: Solid, frame: F64, size: int) -> tuple[I32, F64]:
     """What each pixel of a (size, size) picture of the unit ball sees.
 
     Returns the face (size * size,), -1 for none, and where it is seen (size * size, 3).
@@ -44,7 +42,7 @@ def picture(solid: Solid, frame: F64, size: int) -> F64:
     return shade(solid, frame, visible(solid, frame, size)[0]).reshape(size, size, 3)
 
 
-def shade(solid: Solid, frame: F64, face: npt.NDArray[np.int32]) -> F64:
+def shade(solid: Solid, frame: F64, face: I32) -> F64:
     """(N, 3) colours of pixels that see `face`; white where that is -1."""
     normals = solid.normals[face] @ frame.T
     normals *= np.where(normals[:, 2:] < 0, -1, 1)  # an open surface is looked at from both sides

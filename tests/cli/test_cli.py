@@ -117,7 +117,7 @@ def test_decode_by_intersection(run, model, tmp_path):
 
 
 def test_a_fall_back_is_one_line(run, model, tmp_path, monkeypatch):
-    from cndhf_codec.decoder import solids
+    from cndhf_codec.decoder.dhf import intersection as solids
     from cndhf_codec.errors import SurfaceError
 
     def fail(*_):

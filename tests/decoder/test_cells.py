@@ -12,10 +12,11 @@ import pytest
 from analytic import ABOUT_Y_90, ABOUT_Z_45, slab, waves
 
 from cndhf_codec import load
-from cndhf_codec.decoder import cells, surface
-from cndhf_codec.decoder import cells as cells_module
 from cndhf_codec.decoder import model as model_module
-from cndhf_codec.decoder.cells import INSIDE, OUTSIDE, CellGrid
+from cndhf_codec.decoder.dhf import cells
+from cndhf_codec.decoder.dhf import cells as cells_module
+from cndhf_codec.decoder.dhf import isosurface as surface
+from cndhf_codec.decoder.dhf.cells import INSIDE, OUTSIDE, CellGrid
 
 TURNED = (9000, -14000, 20000, 20000)
 

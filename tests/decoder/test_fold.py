@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from analytic import ABOUT_Y_90, waves
 
-from cndhf_codec.decoder.dhf import Dhf
+from cndhf_codec.decoder.dhf.field import Dhf
 
 
 @pytest.fixture(params=[1, 2, 3])

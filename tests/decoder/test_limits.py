@@ -32,7 +32,7 @@ def to_mesh(model, resolution):
     return len(model.to_mesh(resolution).vertices)
 
 def intersection(model, resolution):
-    from cndhf_codec.decoder import solids
+    from cndhf_codec.decoder.dhf import intersection as solids
 
     closed, triangles = solids.Plane.solid, [0]
 

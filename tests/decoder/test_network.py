@@ -8,10 +8,10 @@ import analytic
 import numpy as np
 import pytest
 
-from cndhf_codec.decoder import network
-from cndhf_codec.decoder.dhf import Dhf
-from cndhf_codec.decoder.network import Network
-from cndhf_codec.decoder.table import HeightBounds, HeightTable
+from cndhf_codec.decoder.dhf import network
+from cndhf_codec.decoder.dhf.field import Dhf
+from cndhf_codec.decoder.dhf.network import Network
+from cndhf_codec.decoder.dhf.table import HeightBounds, HeightTable
 from cndhf_codec.format.container import tensor_shapes
 
 

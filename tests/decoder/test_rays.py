@@ -9,7 +9,7 @@ import trimesh
 from analytic import ABOUT_Y_90, slab, waves
 
 from cndhf_codec import load
-from cndhf_codec.decoder import rays as rays_module
+from cndhf_codec.decoder.dhf import rays as rays_module
 from cndhf_codec.errors import OptionError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])

@@ -10,7 +10,7 @@ import trimesh
 from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, wavy
 
 from cndhf_codec import Limits, load, loads
-from cndhf_codec.decoder import solids
+from cndhf_codec.decoder.dhf import intersection as solids
 from cndhf_codec.errors import OptionError, SurfaceError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])

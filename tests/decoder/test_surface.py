@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from skimage import measure
 
 from cndhf_codec import load
-from cndhf_codec.decoder import band, surface
-from cndhf_codec.decoder.cubes import bricks_beside, crossed_edges, faces_between
+from cndhf_codec.decoder.dhf import band
+from cndhf_codec.decoder.dhf import isosurface as surface
+from cndhf_codec.decoder.dhf.marching_cubes import bricks_beside, crossed_edges, faces_between
 from cndhf_codec.errors import OptionError, SurfaceError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])

@@ -11,7 +11,7 @@ import pytest
 from analytic import ABOUT_Y_90, slab
 
 from cndhf_codec import load
-from cndhf_codec.decoder.thickness import thickness
+from cndhf_codec.decoder.dhf.thickness import thickness
 from cndhf_codec.errors import SurfaceError
 
 THIN = 2**-9

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from manifold3d import Manifold
 
-from cndhf_codec.encoder.axes import candidates, choose_axes, effective_area, fibonacci_sphere, visibility
-from cndhf_codec.encoder.solid import Solid
+from cndhf_codec.encoder.paper.axes import candidates, choose_axes, effective_area, fibonacci_sphere, visibility
+from cndhf_codec.mesh.solid import Solid
 
 
 def solid_of(shape) -> Solid:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import torch
 
-from cndhf_codec.encoder.canonical import fold_biases, sort_neurons
-from cndhf_codec.encoder.siren import Networks, heights, initialise, stacked
+from cndhf_codec.encoder.dhf.network.siren import Networks, heights, initialise, stacked
+from cndhf_codec.encoder.dhf.rounding.symmetries import fold_biases, sort_neurons
 from cndhf_codec.format import rans
 
 

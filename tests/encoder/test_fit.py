@@ -11,16 +11,16 @@ import pytest
 import torch
 import trimesh
 
-from cndhf_codec.decoder.network import Network
+from cndhf_codec.decoder.dhf.network import Network
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.fit import choose_device, fit_all, one_torch_thread
-from cndhf_codec.encoder.heights import frame_for_axis, height_targets
+from cndhf_codec.encoder.dhf.fit.single import choose_device, fit_all, one_torch_thread
+from cndhf_codec.encoder.dhf.frames import frame_for_axis, height_targets
+from cndhf_codec.encoder.dhf.network.siren import forward, initialise
 from cndhf_codec.encoder.settings import PRESETS
-from cndhf_codec.encoder.siren import forward, initialise
-from cndhf_codec.encoder.solid import Solid
-from cndhf_codec.encoder.team import Team
+from cndhf_codec.encoder.thread_pool import Team
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.container import tensor_shapes
+from cndhf_codec.mesh.solid import Solid
 
 SMALL = replace(PRESETS["fast"], width=8, hidden_layers=2, steps=600, batch=512)
 CPU = torch.device("cpu")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cndhf_codec.encoder.heights import Frame, frame_for_axis, height_targets
-from cndhf_codec.encoder.solid import Solid
+from cndhf_codec.encoder.dhf.frames import Frame, frame_for_axis, height_targets
+from cndhf_codec.mesh.solid import Solid
 
 RADIUS = 0.8
 

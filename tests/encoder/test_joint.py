@@ -12,28 +12,31 @@ import torch
 import trimesh
 
 from cndhf_codec.cli.sizes import parse_size
-from cndhf_codec.decoder.network import Network
-from cndhf_codec.encoder import composite as composite_module
-from cndhf_codec.encoder import joint, kernel, rounding, settings
-from cndhf_codec.encoder.axisset import AxisCosts
-from cndhf_codec.encoder.composite import REACH, SUSPECTS, Composite, _runs
+from cndhf_codec.decoder.dhf.network import Network
+from cndhf_codec.encoder import settings
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.gauss_newton import blocks
-from cndhf_codec.encoder.heights import frame_for_axis
-from cndhf_codec.encoder.joint import widths_for
-from cndhf_codec.encoder.normalise import normalisation
+from cndhf_codec.encoder.dhf import encode as joint
+from cndhf_codec.encoder.dhf.axes.costs import AxisCosts
+from cndhf_codec.encoder.dhf.encode import widths_for
+from cndhf_codec.encoder.dhf.fit import loss as composite_module
+from cndhf_codec.encoder.dhf.fit.joint import LEAST_RATE, IdleNetworkError, tune
+from cndhf_codec.encoder.dhf.fit.loss import REACH, SUSPECTS, Composite, _runs
+from cndhf_codec.encoder.dhf.fit.samples import FarSpace, Samples, draw_samples
+from cndhf_codec.encoder.dhf.frames import frame_for_axis
+from cndhf_codec.encoder.dhf.network import kernel
+from cndhf_codec.encoder.dhf.network.siren import Networks, forward, heights, initialise, stacked
+from cndhf_codec.encoder.dhf.network.soap import Soap
+from cndhf_codec.encoder.dhf.rounding import feedback as rounding
+from cndhf_codec.encoder.dhf.rounding.feedback import COARSEST, relative_steps, step_codes
+from cndhf_codec.encoder.dhf.rounding.gauss_newton import blocks
 from cndhf_codec.encoder.pipeline import encode_with_report
-from cndhf_codec.encoder.rounding import COARSEST, relative_steps, step_codes
-from cndhf_codec.encoder.samples import FarSpace, Samples, draw_samples
-from cndhf_codec.encoder.siren import Networks, forward, heights, initialise, stacked
-from cndhf_codec.encoder.soap import Soap
-from cndhf_codec.encoder.solid import Solid
-from cndhf_codec.encoder.team import Team
-from cndhf_codec.encoder.tune import LEAST_RATE, IdleNetworkError, tune
+from cndhf_codec.encoder.thread_pool import Team
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
 from cndhf_codec.format.container import parameter_count
+from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import read_mesh
+from cndhf_codec.mesh.solid import Solid
 
 CPU = torch.device("cpu")
 SMALL = replace(settings.PRESETS["default"], batch=512, rounds=2, round_steps=30)

@@ -14,10 +14,10 @@ from cndhf_codec import encode, loads
 from cndhf_codec.decoder.meshfile import write_mesh
 from cndhf_codec.encoder import check as check_module
 from cndhf_codec.encoder import settings
-from cndhf_codec.encoder.bodies import Bodies
 from cndhf_codec.encoder.pipeline import Report, encode_with_report
-from cndhf_codec.encoder.verify import Distances, surface_distances
 from cndhf_codec.errors import CndhfWarning, InputError, MeshError, OptionError
+from cndhf_codec.mesh.bodies import Bodies
+from cndhf_codec.mesh.distances import Distances, surface_distances
 from cndhf_codec.mesh.read import read_mesh
 
 # A twentieth of the work of the default preset, and good to about a hundredth of the size.

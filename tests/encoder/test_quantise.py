@@ -9,16 +9,16 @@ import pytest
 import torch
 import trimesh
 
-from cndhf_codec.decoder.network import Network
-from cndhf_codec.encoder import quantise as quantise_module
+from cndhf_codec.decoder.dhf.network import Network
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.fit import fit_all
-from cndhf_codec.encoder.heights import frame_for_axis, height_targets
-from cndhf_codec.encoder.quantise import quantise
+from cndhf_codec.encoder.dhf.fit.single import fit_all
+from cndhf_codec.encoder.dhf.frames import frame_for_axis, height_targets
+from cndhf_codec.encoder.paper import quantise as quantise_module
+from cndhf_codec.encoder.paper.quantise import quantise
 from cndhf_codec.encoder.settings import PRESETS
-from cndhf_codec.encoder.solid import Solid
-from cndhf_codec.encoder.team import Team
+from cndhf_codec.encoder.thread_pool import Team
 from cndhf_codec.format import Container, dumps, loads
+from cndhf_codec.mesh.solid import Solid
 
 SETTINGS = replace(PRESETS["fast"], width=8, hidden_layers=2, steps=300, batch=512)
 

@@ -11,14 +11,14 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from cndhf_codec.encoder import settings
-from cndhf_codec.encoder.axisset import AxisCosts
-from cndhf_codec.encoder.composite import Composite
-from cndhf_codec.encoder.heights import height_targets
+from cndhf_codec.encoder.dhf.axes.costs import AxisCosts
+from cndhf_codec.encoder.dhf.axes.mirrors import frame_with_mirrors, mirror_planes
+from cndhf_codec.encoder.dhf.fit.loss import Composite
+from cndhf_codec.encoder.dhf.fit.samples import FarSpace, draw_samples
+from cndhf_codec.encoder.dhf.frames import height_targets
 from cndhf_codec.encoder.pipeline import encode_with_report
-from cndhf_codec.encoder.samples import FarSpace, draw_samples
-from cndhf_codec.encoder.solid import Solid
-from cndhf_codec.encoder.symmetry import frame_with_mirrors, mirror_planes
-from cndhf_codec.encoder.team import Team
+from cndhf_codec.encoder.thread_pool import Team
+from cndhf_codec.mesh.solid import Solid
 
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
 SHIFT = np.array([0.05, -0.02, 0.03])

@@ -10,8 +10,8 @@ import sys
 import numpy as np
 import pytest
 
-from cndhf_codec.encoder import vectors
-from cndhf_codec.encoder.vectors import LANES
+from cndhf_codec.encoder.dhf.network import vectors
+from cndhf_codec.encoder.dhf.network.vectors import LANES
 
 SIZES = [1, 2, 4, 5, 16, 35]
 COLUMNS = [LANES, 3 * LANES, 9 * LANES]  # fewer than a wide block has, and some more than one or two
@@ -68,7 +68,7 @@ def test_only_the_first_columns_are_looked_at():
 RESULTS = """
 import sys
 import numpy as np
-from cndhf_codec.encoder import vectors
+from cndhf_codec.encoder.dhf.network import vectors
 rng = np.random.default_rng(0)
 W, x, start, z, G, d = (
     rng.uniform(-1, 1, n).astype(np.float32) for n in ((35, 21), (21, 160), 35, (35, 160), (35, 21), (35, 160))

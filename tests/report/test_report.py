@@ -38,7 +38,7 @@ def test_a_cndhf_file_is_its_surface(golden):
 
 
 def test_what_a_pixel_sees():
-    from cndhf_codec.encoder.solid import Solid
+    from cndhf_codec.mesh.solid import Solid
 
     ball = trimesh.creation.icosphere(4, 0.8)
     frame = view_frame(30, 20)

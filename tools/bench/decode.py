@@ -25,9 +25,9 @@ import numpy as np
 from skimage import measure
 
 import cndhf_codec
-from cndhf_codec.decoder.table import HeightTable
-from cndhf_codec.encoder.normalise import normalisation
-from cndhf_codec.encoder.verify import surface_distances
+from cndhf_codec.decoder.dhf.table import HeightTable
+from cndhf_codec.mesh.distances import surface_distances
+from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import read_mesh
 
 ROUNDS = 5

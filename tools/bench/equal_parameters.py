@@ -18,10 +18,10 @@ import numpy as np
 from tqdm import tqdm
 
 import cndhf_codec
-from cndhf_codec.encoder.axes import choose_axes
-from cndhf_codec.encoder.prepare import prepare
+from cndhf_codec.encoder.paper.axes import choose_axes
 from cndhf_codec.encoder.settings import settings_for
 from cndhf_codec.format.container import parameter_count
+from cndhf_codec.mesh.prepare import prepare
 from cndhf_codec.mesh.read import Mesh, read_mesh
 
 sys.path.insert(0, str(Path(__file__).parent))

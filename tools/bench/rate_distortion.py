@@ -25,8 +25,8 @@ import numpy as np
 import trimesh
 from tqdm import tqdm
 
-from cndhf_codec.encoder import verify
-from cndhf_codec.encoder.normalise import normalisation
+from cndhf_codec.mesh import distances as verify
+from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import Mesh, read_mesh
 
 matplotlib.use("Agg")

@@ -7,10 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from ...arrays import F64, I64
 
 # Triangles that a file may come to, copies of its parts counted: a few lines can ask for billions.
 MOST_TRIANGLES = 2**27

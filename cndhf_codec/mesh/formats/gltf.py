@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import F64, I64
 from ...errors import require
 from .accessors import Accessors, Fetch, Object, count_of, item, objects, parse, section, vector_of
-from .common import F64, I64, Triangles, UnreadableError, check_count, check_indices, joined, told
+from .common import Triangles, UnreadableError, check_count, check_indices, joined, told
 from .ply import strip_triangles
 
 DRACO, INSTANCES, VISIBILITY = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing", "KHR_node_visibility"

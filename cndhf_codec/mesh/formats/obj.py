@@ -6,7 +6,8 @@ import re
 
 import numpy as np
 
-from .common import I64, Triangles, UnreadableError, left_out, lines_of, number, numbers, shown, whole
+from ...arrays import I64
+from .common import Triangles, UnreadableError, left_out, lines_of, number, numbers, shown, whole
 from .polygons import triangulate
 
 SURFACE_FREE = {  # statements that say nothing of the surface

@@ -9,19 +9,8 @@ import re
 
 import numpy as np
 
-from .common import (
-    F64,
-    I64,
-    Triangles,
-    UnreadableError,
-    check_indices,
-    left_out,
-    lines_of,
-    number,
-    numbers,
-    shown,
-    whole,
-)
+from ...arrays import F64, I64
+from .common import Triangles, UnreadableError, check_indices, left_out, lines_of, number, numbers, shown, whole
 from .polygons import triangulate
 
 # Prefixes come in any order. A small n before a large OFF is a number of dimensions.

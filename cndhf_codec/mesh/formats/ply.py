@@ -12,20 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .common import (
-    F64,
-    I64,
-    Triangles,
-    UnreadableError,
-    check_indices,
-    joined,
-    left_out,
-    lines_of,
-    number,
-    numbers,
-    shown,
-    whole,
-)
+from ...arrays import F64, I64
+from .common import Triangles, UnreadableError, check_indices, joined, left_out, lines_of, number, numbers, shown, whole
 from .polygons import triangulate
 
 TYPES = {

@@ -12,7 +12,8 @@ import itertools
 
 import numpy as np
 
-from .common import F64, I64, check_count
+from ...arrays import F64, I64
+from .common import check_count
 
 FANS = 64  # corners up to which every fan of a polygon is tried before ears are cut
 FEW = 24  # numbers that Python looks at sooner than numpy

@@ -6,7 +6,8 @@ import re
 
 import numpy as np
 
-from .common import F64, Triangles, UnreadableError, number, shown
+from ...arrays import F64
+from .common import Triangles, UnreadableError, number, shown
 
 HEADER, RECORD = 84, 50
 ENOUGH = 2**12  # bytes that tell text from numbers

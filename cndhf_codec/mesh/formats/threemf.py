@@ -12,7 +12,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from .common import F64, I64, Triangles, UnreadableError, check_count, check_indices, joined, number, shown, whole
+from ...arrays import F64, I64
+from .common import Triangles, UnreadableError, check_count, check_indices, joined, number, shown, whole
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"

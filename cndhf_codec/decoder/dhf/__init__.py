@@ -1,0 +1,1 @@
+"""Double height fields decoded: heights, the implicit function, cells, rays and surfaces."""

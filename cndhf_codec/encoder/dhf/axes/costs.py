@@ -1,0 +1,155 @@
+"""Axes that serve the error: sets of axes chosen by what the intersection of their exact height fields leaves.
+
+The cost of an axis at a surface point is the error that a height field along it leaves there: how much it fills in
+front of the point, and, where it sees the point, a little more the more slantwise it sees it. A point costs what it
+costs on the best axis of the set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from ....arrays import F64, Mask
+from ....errors import require
+from ....mesh.solid import Solid
+from ...paper.axes import fibonacci_sphere
+from ...thread_pool import Team
+from ..fit.samples import surface_points, visible_points
+from .mirrors import MirrorPlane
+
+DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
+ALIGNED = 6  # the last of the candidates: coordinate and principal axes
+IN_PLANE = 16  # directions in a mirror plane
+POINTS = 20_000
+SLANT = 2e-4  # cost of a point seen at a cosine of 1/2 (normalised units)
+LEAST_COSINE = 0.1
+IN_FRONT = 1e-3  # how far in front of a hidden point is looked at (normalised units)
+
+
+class AxisCosts:
+    """Cost of every candidate axis at every sample of the surface. planes: the solid's mirror planes."""
+
+    def __init__(self, solid: Solid, seed: int, team: Team, planes: Sequence[MirrorPlane] = ()) -> None:
+        points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
+        free, mirrored = _candidates(solid), _within(planes)
+        self.axes = np.concatenate([free, mirrored])
+        self._aligned = range(len(free) - ALIGNED, len(free))
+        self._mirrored = range(len(free), len(self.axes))
+        rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
+        self.costs, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
+        self._points = points
+        hidden = np.flatnonzero(~self._seen.any(axis=0))
+        # What has solid on both sides (parts within others, where parts overlap) bounds nothing, and is not missed.
+        bounds = ~solid.contains(points[hidden] + IN_FRONT * normals[hidden])
+        self.visible = 1 - float(bounds.sum()) / len(points) if len(hidden) < len(points) else 0.0
+
+    def sets(self, count: int) -> list[list[int]]:
+        """Sets of `count` axes to choose from: the one of least mean cost, the one with the best aligned axis, and that
+        of axes in and across mirror planes.
+
+        Along the edges of a mechanical part heights are constant, and walls are silhouettes: networks learn that much
+        faster than what the exact height fields of slanted axes would say. In a mirror plane, they learn a half.
+        """
+        aligned = min(self._aligned, key=lambda k: self.mean_cost([k]))
+        sets = [self.best(count), self.best(count, [aligned])]
+        if len(self._mirrored) >= count:
+            sets.append(self.best(count, among=self._mirrored))
+        return [s for k, s in enumerate(sets) if sorted(s) not in map(sorted, sets[:k])]
+
+    def best(self, count: int, given: Sequence[int] = (), among: Sequence[int] | None = None) -> list[int]:
+        """The `count` axes of least mean cost, some of them given, the rest from `among` (all, when None): greedy, then
+        single exchanges until none helps; largest share first."""
+        pool = np.arange(len(self.axes)) if among is None else np.array(among)
+        chosen = list(given)
+        while len(chosen) < count:
+            chosen.append(int(pool[np.argmin(self._with(chosen)[pool])]))
+        while True:
+            before = self.mean_cost(chosen)
+            for k in range(len(given), count):
+                others = chosen[:k] + chosen[k + 1 :]
+                chosen[k] = int(pool[np.argmin(self._with(others)[pool])])
+            if not self.mean_cost(chosen) < before * 0.999:  # nor where there is nothing left to gain
+                return self._ordered(chosen)
+
+    def mean_cost(self, chosen: list[int]) -> float:
+        return float(self.costs[chosen].min(axis=0).mean())
+
+    def floor(self, chosen: list[int]) -> float:
+        """About the Chamfer distance that the exact height fields leave: one of its directions sees what they fill."""
+        costs, seen = self.costs[chosen], self._seen[chosen]
+        best = costs.argmin(axis=0), np.arange(costs.shape[1])
+        return float(np.where(seen[best], 0, costs[best]).mean()) / 2
+
+    def depth(self, chosen: list[int]) -> float:
+        """Mean distance of the whole surface from that of the intersection of exact height fields: a point that none of
+        the axes sees lies within solid, as deep as along one of them, or as it is far from what they see."""
+        seen = self._seen[chosen].any(axis=0)
+        if not 0 < seen.sum() < seen.size:
+            return 0.0
+        tree = require("scipy.spatial", "encode").cKDTree(self._points[seen])
+        depth = np.minimum(tree.query(self._points[~seen])[0], self._depths[chosen].min(axis=0)[~seen])
+        return float(depth.sum() / seen.size)
+
+    def covered(self, chosen: list[int]) -> float:
+        """Share of the surface that at least one of the axes sees."""
+        return float(self._seen[chosen].any(axis=0).mean())
+
+    def shares(self, chosen: list[int]) -> F64:
+        """(count,) share of the surface for which each axis is the best of the set."""
+        return np.bincount(self.costs[chosen].argmin(axis=0), minlength=len(chosen)) / self.costs.shape[1]
+
+    def _with(self, chosen: list[int]) -> F64:
+        """Mean cost of the set and each candidate."""
+        if not chosen:
+            return self.costs.mean(axis=1)
+        return np.minimum(self.costs, self.costs[chosen].min(axis=0)).mean(axis=1)
+
+    def _ordered(self, chosen: list[int]) -> list[int]:
+        shares = self.shares(chosen)
+        return [chosen[k] for k in np.argsort(-shares, kind="stable")]
+
+
+def _candidates(solid: Solid) -> F64:
+    sphere = fibonacci_sphere(DIRECTIONS)
+    covariance = np.cov(solid.vertices.T)
+    return np.concatenate([sphere[: DIRECTIONS // 2], np.eye(3), np.linalg.eigh(covariance)[1].T])
+
+
+def _within(planes: Sequence[MirrorPlane]) -> F64:
+    """Axes across the planes, all around within them, and where two planes meet."""
+    axes = [np.empty((0, 3))]
+    angles = np.arange(IN_PLANE) * (np.pi / IN_PLANE)
+    for plane in planes:
+        u = np.cross(plane.normal, np.eye(3)[np.argmin(np.abs(plane.normal))])
+        u /= np.linalg.norm(u)
+        v = np.cross(plane.normal, u)
+        axes += [plane.normal[None], np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)]
+    axes += [np.cross(a.normal, b.normal)[None] for a, b in combinations(planes, 2)]
+    return np.concatenate(axes)
+
+
+def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, Mask, F64]:
+    """(N,) cost of the axis at each point, whether the axis sees the point, and how deep below the surface it is along
+    the axis where it does not."""
+    seen = visible_points(solid, points, normals, axis)
+    cosine = np.clip(np.abs(normals @ axis), LEAST_COSINE, 1)
+    cost = SLANT * (1 / cosine - 1)
+    hidden = np.flatnonzero(~seen)
+    # What is hidden from the axis is filled up to the nearer of the two surfaces along it.
+    p = points[hidden]
+    fill = np.full(len(hidden), np.inf)
+    for direction in (axis, -axis):
+        face = solid.first_hits(p + 3 * direction, -direction)
+        n = solid.normals[face]
+        corner = solid.vertices[solid.faces[face, 0]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((corner - p) * n).sum(axis=1) / (n @ direction)
+        np.minimum(fill, np.where((face >= 0) & np.isfinite(t) & (t >= 0), t, np.inf), out=fill)
+    # Along the normal, the way to the surface is no longer than along the axis.
+    cost[hidden] = np.where(np.isfinite(fill), fill * np.maximum(cosine[hidden], 0.3), 0)
+    depth = np.zeros(len(points))
+    depth[hidden] = fill
+    return cost, seen, depth

@@ -1,0 +1,1 @@
+"""SIRENs, their compiled evaluation and gradient, and the optimiser."""

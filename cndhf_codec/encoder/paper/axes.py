@@ -1,0 +1,149 @@
+"""Axis selection: which directions see which triangles, and a greedy choice among them.
+
+Source: CN-DHF (Hedlin, Yang, Vining, Yi, Sheffer), the section on axis selection.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import F32, F64, I64, Mask
+from ...mesh.solid import Solid
+
+N_FIBONACCI = 50
+SAMPLES_A_TRIANGLE = 5
+GRAZING = 1e-4  # cosine between a ray and its face's normal, below which the ray lies within the face
+RAY_OFFSET = 1e-5  # a ray starts this far from the surface it leaves (normalised units)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisChoice:
+    """axes: (K, 3) unit vectors in order of choice. covered: (K,) share of the whole area seen by the first k.
+    visible: share of the whole area seen by any candidate."""
+
+    axes: F64
+    covered: F64
+    visible: float
+
+
+def fibonacci_sphere(n: int) -> F64:
+    """(n, 3) unit vectors on the spherical Fibonacci lattice, as in Keinert et al., "Spherical Fibonacci
+    Mapping" (2015): longitude 2 pi i / golden ratio, z = 1 - (2 i + 1) / n."""
+    i = np.arange(n)
+    z = 1 - (2 * i + 1) / n
+    phi = 2 * np.pi * (i * (np.sqrt(5) - 1) / 2 % 1)
+    r = np.sqrt(1 - z * z)
+    return np.column_stack([r * np.cos(phi), r * np.sin(phi), z])
+
+
+def candidates() -> F64:
+    """(53, 3): 50 spherical Fibonacci directions and the three coordinate axes."""
+    return np.concatenate([fibonacci_sphere(N_FIBONACCI), np.eye(3)])
+
+
+def visibility(solid: Solid, directions: F64, seed: int, threads: int) -> Mask:
+    """(directions, M): whether a double height field along each direction sees each whole triangle.
+
+    5 M samples: ceil(area share) in each triangle, the centroid always among them, the others uniform. A
+    sample is occluded when the rays along the direction and against it both hit another triangle; a
+    triangle with any occluded sample is occluded.
+    """
+    owner, points = _samples(solid, seed)
+    with ThreadPoolExecutor(threads) as pool:
+        rows = list(pool.map(lambda d: _visible_along(solid, d, owner, points), directions))
+    return np.stack(rows)
+
+
+def effective_area(areas: F64, seen: Mask, rarity: str) -> F64:
+    """(M,) area weighted by how many candidates see the triangle; 0 where none does.
+
+    rarity "printed": area max(n / mean(n), 1), the paper's formula. "inverse": area max(mean(n) / n, 1), what
+    its text says. n is the number of candidates that see the triangle; the mean is over the seen ones.
+    """
+    n = seen.sum(axis=0).astype(np.float64)
+    visible = n > 0
+    if not visible.any():
+        return np.zeros_like(areas)
+    ratio = n / n[visible].mean()
+    ratio[~visible] = 1
+    return np.where(visible, areas * np.maximum(ratio if rarity == "printed" else 1 / ratio, 1), 0)
+
+
+def choose_axes(
+    solid: Solid, seed: int, threads: int, rarity: str, coverage: float, max_axes: int | None
+) -> AxisChoice:
+    """Greedy: take the axis that sees most of the effective area left, until `coverage` of it is seen."""
+    directions = candidates()
+    seen = visibility(solid, directions, seed, threads)
+    weight = effective_area(solid.areas, seen, rarity)
+    left = weight.copy()
+    chosen: list[int] = []
+    covered: list[float] = []
+    unseen = np.ones(len(weight), dtype=bool)
+    while len(chosen) < (max_axes or len(directions)):
+        best = int(np.argmax(seen @ left))
+        chosen.append(best)
+        unseen &= ~seen[best]
+        left[seen[best]] = 0
+        covered.append(float(1 - solid.areas[unseen].sum() / solid.areas.sum()))
+        if left.sum() <= (1 - coverage) * weight.sum():
+            break
+    visible = float(solid.areas[seen.any(axis=0)].sum() / solid.areas.sum())
+    return AxisChoice(directions[chosen], np.array(covered), visible)
+
+
+def _samples(solid: Solid, seed: int) -> tuple[I64, F32]:
+    """Owner triangle (S,) and position (S, 3) of every sample; the first M are the centroids, in order."""
+    m = len(solid.faces)
+    counts = np.ceil(SAMPLES_A_TRIANGLE * m * solid.areas / solid.areas.sum()).astype(np.int64)
+    extra = np.repeat(np.arange(m), np.maximum(counts - 1, 0))
+    rng = np.random.default_rng(seed)
+    r1, r2 = np.sqrt(rng.random(len(extra))), rng.random(len(extra))
+    weights = np.column_stack([1 - r1, r1 * (1 - r2), r1 * r2])
+    corners = solid.vertices[solid.faces]
+    centroids = corners.mean(axis=1)
+    others = np.einsum("sk,skd->sd", weights, corners[extra])
+    return (
+        np.concatenate([np.arange(m), extra]),
+        np.concatenate([centroids, others]).astype(np.float32),
+    )
+
+
+def _visible_along(
+    solid: Solid,
+    direction: F64,
+    owner: I64,
+    points: F32,
+) -> Mask:
+    # The ray on the side that the face looks to is the likelier to be free, so it goes first; and
+    # no sample of a triangle that is already occluded is looked at.
+    m = len(solid.faces)
+    side = np.where(solid.normals @ direction >= 0, 1, -1).astype(np.float32)
+    visible = np.ones(m, dtype=bool)
+    for part in (slice(0, m), slice(m, None)):
+        who, at = owner[part], points[part]
+        alive = visible[who]
+        who, at = who[alive], at[alive]
+        first = _hits_another(solid, at, side[who, None] * direction, who)
+        who, at = who[first], at[first]
+        second = _hits_another(solid, at, -side[who, None] * direction, who)
+        visible[who[second]] = False
+    return visible
+
+
+def _hits_another(solid: Solid, points: F32, directions: np.ndarray, owner: I64) -> Mask:
+    """Whether rays from points on the surface hit a triangle other than the one they start on."""
+    d = directions.astype(np.float32)
+    # A ray within the plane of its face would graze the faces beside it: start it off the surface.
+    normals = solid.normals[owner].astype(np.float32)
+    grazing = np.abs((normals * d).sum(axis=1)) < GRAZING
+    points = points + np.where(grazing[:, None], RAY_OFFSET * normals, 0)
+    hit = solid.first_hits(points + RAY_OFFSET * d, d)
+    # A ray that grazes its own triangle can meet it again in float32: start those farther away.
+    own = np.flatnonzero(hit == owner)
+    if len(own):
+        hit[own] = solid.first_hits(points[own] + 100 * RAY_OFFSET * d[own], d[own])
+    return (hit >= 0) & (hit != owner)

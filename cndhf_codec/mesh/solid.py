@@ -1,0 +1,167 @@
+"""The solid that a mesh bounds: ray casting, which way its faces look, and inside tests."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import F64, I32, I64, Mask
+from ..errors import require
+from .distances import point_distances
+from .repair import edges_of, repair
+
+RAYS_AT_ONCE = 2**18
+# A patch more of whose rays from outside than this meet it from behind has no inside. Measured: a bunny with holes in
+# its base 0.02, a sphere without a cap of a tenth of its area 0.09; an open box 0.17, a draped cloth 0.28, a range scan
+# 0.44.
+SHEET = 0.125
+FEW = 20  # rays that say nothing of a patch
+
+
+class Solid:
+    """A mesh in the normalised frame, ready for rays. What it bounds: copies of faces count once, neighbours are made
+    to look the same way, every patch of them outward as seen from outside; inside is where the winding number is above
+    1/2. So holes are closed, overlapping parts are one, and what is within others does not matter. Faces are in Morton
+    order, so that rays cast from neighbouring faces walk the same part of the tree.
+
+    vertices: (N, 3) float64. given: (M, 3) int64 the faces as they came. faces: (M', 3) int64 those of the solid.
+    normals: (M', 3) unit float64. areas: (M',) float64. flipped: share of the area whose orientation was reversed.
+    behind: share of the rays from outside that meet a face from behind, through a hole. open: share of them that meet
+    sheets, patches of the surface that have no inside. sheet: (M',) the faces of those and of scraps that hardly a ray
+    meets.
+    """
+
+    def __init__(self, vertices: F64, faces: I64) -> None:
+        scene = require("embreex.rtcore_scene", "encode")
+        construction = require("embreex.mesh_construction", "encode")
+        self.vertices = vertices
+        self.given = faces[np.argsort(_morton(vertices[faces].mean(axis=1)), kind="stable")]
+        given_areas = np.linalg.norm(_cross(vertices, self.given), axis=1) / 2
+        self.repaired = repaired = repair(self.given, given_areas, len(vertices))
+        self.faces = repaired.faces
+        self._scene = scene.EmbreeScene(robust=True)
+        self._geometry = construction.TriangleMesh(
+            self._scene, vertices.astype(np.float32), self.faces.astype(np.int32)
+        )
+        cross = _cross(vertices, self.faces)
+        length = np.linalg.norm(cross, axis=1)
+        # Normalising can round a sliver to nothing: it then has no normal, and no weight.
+        self.normals = cross / np.where(length > 0, length, 1)[:, None]
+        self.areas = length / 2
+        inward = self._look_from_outside()
+        self.faces[inward] = self.faces[inward][:, ::-1]
+        self.normals[inward] *= -1
+        # A face that was given in both orientations has none to be reversed, and a sheet has no inside to look from.
+        flipped = (repaired.turned ^ inward) & ~repaired.doubled & ~self.sheet
+        self.flipped = float(self.areas[flipped].sum() / self.areas.sum())
+
+    def first_hits(self, origins: npt.NDArray[np.floating], directions: npt.NDArray[np.floating]) -> I32:
+        """The face that each ray hits first, or -1. origins (N, 3); directions (N, 3) or (3,)."""
+        o = np.ascontiguousarray(origins, dtype=np.float32)
+        d = np.broadcast_to(np.asarray(directions, dtype=np.float32), o.shape)
+        out = np.empty(len(o), dtype=np.int32)
+        for at in range(0, len(o), RAYS_AT_ONCE):
+            part = slice(at, at + RAYS_AT_ONCE)
+            out[part] = self._scene.run(o[part], np.ascontiguousarray(d[part]), query="INTERSECT")
+        return out
+
+    def contains(self, points: npt.NDArray[np.floating]) -> Mask:
+        """Inside test: the winding number is above 1/2. That closes holes of the surface, and takes overlapping parts
+        as one. Barill et al., "Fast Winding Numbers for Soups and Clouds" (2018)."""
+        return self.winding_numbers(points) > 0.5
+
+    def distances(self, points: npt.NDArray[np.floating]) -> F64:
+        """(N,) distance of points (N, 3) from the solid's boundary: from its faces, and about that from what closes its
+        holes, to which faces may be far.
+
+        At a height h over the middle of a round hole, and a distance d from its rim, the winding number w is
+        1/2 +- h / 2d, so that d |2 w - 1| is h.
+        """
+        wide = np.ascontiguousarray(points, dtype=np.float64)
+        distance = point_distances(wide, self.vertices, self.faces)
+        if self.repaired.open_patch.any():
+            distance *= np.minimum(np.abs(2 * self.winding_numbers(wide) - 1), 1)
+        return distance
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether faces run along every edge as often one way as the other: then winding numbers are whole."""
+        return not edges_of(self.faces, len(self.vertices)).net.any()
+
+    @property
+    def signed_volume(self) -> float:
+        """What its faces enclose, once for each time that they go round it; of a closed surface."""
+        return float(signed_volumes(self.vertices, self.faces).sum())
+
+    def winding_numbers(self, points: npt.NDArray[np.floating]) -> F64:
+        """(N,) how often the surface goes round points (N, 3)."""
+        igl = require("igl", "encode")
+        wide = np.ascontiguousarray(points, dtype=np.float64)
+        return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide))
+
+    def _look_from_outside(self) -> Mask:
+        """Casts rays from outside; sets `behind`, `open` and `sheet`. Returns the faces whose patch is seen mostly from
+        behind: they look inward."""
+        patch = self.repaired.patch
+        seen = np.zeros((2, patch.max() + 1), dtype=np.int64)  # from the front, from behind
+        for direction in _directions(14):
+            hit = self.first_hits(_disc(direction, 100), -direction)
+            hit = hit[hit >= 0]
+            for side, at in enumerate((hit[self.normals[hit] @ direction > 0], hit[self.normals[hit] @ direction < 0])):
+                seen[side] += np.bincount(patch[at], minlength=seen.shape[1])
+        unseen = seen.sum(axis=0) == 0
+        if unseen.all():  # thinner than the rays lie apart: a closed patch looks outward when its volume is positive
+            volumes = np.bincount(patch, weights=signed_volumes(self.vertices, self.faces))
+            seen[1] = (volumes < 0) & ~self.repaired.open_patch
+        rays, behind = np.maximum(seen.sum(axis=0), 1), seen.min(axis=0)
+        sheet = behind > SHEET * rays
+        self.behind = float(behind.sum() / rays.sum())
+        self.open = float(rays[sheet].sum() / rays.sum())
+        self.sheet = (sheet | (self.repaired.open_patch & (rays < FEW)))[patch]
+        inward = seen[1] > seen[0]
+        if not unseen.all() and inward[~unseen].all():
+            inward |= unseen  # all was turned inside out, and so was what no ray meets: a cavity stays one
+        return inward[patch]
+
+
+def _cross(vertices: F64, faces: I64) -> F64:
+    """(M, 3) normals of faces, twice their areas long."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def signed_volumes(vertices: F64, faces: I64) -> F64:
+    """(M,) volumes between faces and the middle of all vertices: of a closed surface they add up to its volume."""
+    a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
+    return np.asarray((np.cross(a, b) * c).sum(axis=1)) / 6
+
+
+def _directions(n: int) -> F64:
+    """(n, 3) unit vectors spread over the sphere, none along a coordinate axis."""
+    from ..encoder.paper.axes import fibonacci_sphere
+
+    return fibonacci_sphere(n)
+
+
+def _disc(direction: F64, n: int) -> F64:
+    """(~n^2, 3) grid of ray origins on the disc of radius 1 at distance 2 along `direction`."""
+    side = np.linspace(-1, 1, n)
+    x, y = (g.ravel() for g in np.meshgrid(side, side))
+    keep = x * x + y * y <= 1
+    helper = np.eye(3)[np.argmin(np.abs(direction))]
+    e1 = np.cross(direction, helper)
+    e1 /= np.linalg.norm(e1)
+    e2 = np.cross(direction, e1)
+    return 2 * direction + x[keep, None] * e1 + y[keep, None] * e2
+
+
+def _morton(points: F64) -> I64:
+    """Z-order curve index of points in the cube [-1, 1]^3, 10 bits an axis."""
+    cell = np.clip((points + 1) * 512, 0, 1023).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return code

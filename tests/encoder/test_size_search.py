@@ -1,0 +1,105 @@
+"""Encoding to an error: what a user may write, and the search for the smallest file."""
+
+from __future__ import annotations
+
+import pytest
+
+from cndhf_codec.encoder import settings
+from cndhf_codec.encoder import size_search as goal
+from cndhf_codec.encoder.pipeline import encode_with_report
+from cndhf_codec.encoder.size_search import Length, parse_length, smallest_file
+from cndhf_codec.errors import EncodeError, OptionError
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [
+        ("0.2%", None, Length(0.002, True)),
+        (" .5 % ", "mm", Length(0.005, True)),
+        ("0.25", None, Length(0.25, False)),
+        (1e-3, None, Length(0.001, False)),
+        ("0.5mm", "mm", Length(0.5, False)),
+        ("0.5mm", "m", Length(0.0005, False)),
+        ("1 in", "mm", Length(25.4, False)),
+    ],
+)
+def test_errors_as_users_write_them(text, unit, expected):
+    got = parse_length(text, unit, "target error")
+    assert got.value == pytest.approx(expected.value)
+    assert got.relative == expected.relative
+    assert got.in_units(10) == pytest.approx(got.value * (10 if got.relative else 1))
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "match"),
+    [
+        ("0.5mm", None, "--unit"),
+        ("0.5furlongs", "mm", "units are mm"),
+        ("0.5", "furlongs", "unit is"),
+        ("0", None, "positive"),
+        ("-1%", None, "positive"),
+        ("nan", None, "positive"),
+        ("", None, "positive"),
+    ],
+)
+def test_what_is_not_an_error(text, unit, match):
+    with pytest.raises(OptionError, match=match):
+        parse_length(text, unit, "target error")
+
+
+def error_of(size: int, power: float = 0.9, floor: float = 0.0) -> float:
+    return floor + 100 * size**-power
+
+
+@pytest.mark.parametrize("wanted", [700, 1500, 3900, 4096, 4200, 9000, 20_000])
+@pytest.mark.parametrize(("power", "floor"), [(0.9, 0.0), (0.6, 0.0), (1.3, 0.0), (0.9, 0.005)])
+def test_the_search_finds_a_size_a_little_above_the_smallest(wanted, power, floor):
+    tried = []
+
+    def attempt(size, more):
+        tried.append(size)
+        assert more == goal.TRIES - len(tried)
+        return size, error_of(size, power, floor)
+
+    found = smallest_file(attempt, error_of(wanted, power, floor))
+    assert wanted <= found <= 1.15 * wanted
+    assert len(tried) <= goal.TRIES
+    assert len(set(tried)) == len(tried)
+
+
+def test_the_smallest_file_of_all_is_taken_when_it_will_do():
+    assert smallest_file(lambda size, more: (size, 0.0), 1.0) == goal.LEAST
+
+
+def test_an_error_out_of_reach_says_what_was_reached():
+    with pytest.raises(EncodeError, match=rf"0\.001.*not reached.*0\.5 at {goal.MOST} bytes"):
+        smallest_file(lambda size, more: (size, 0.5), 0.001)
+
+
+def test_an_encode_to_an_error(creature, tiny, monkeypatch):
+    monkeypatch.setattr(goal, "START", 1500)
+    model, report = encode_with_report(creature, "fast", target_error="8%")
+    assert report.distances.chamfer <= 0.08 * report.diagonal
+    assert model.info["mean_error"] == pytest.approx(report.distances.chamfer, rel=1e-3)
+    assert model.info["bytes"] == len(model.dumps()) < 1500
+    monkeypatch.setattr(goal, "MOST", 1500)
+    with pytest.raises(EncodeError, match="not reached"):
+        encode_with_report(creature, "fast", target_error="0.0001%")
+
+
+def test_an_error_and_a_size_exclude_each_other(creature):
+    for options in ({"target_size": 4096}, {"width": 8}):
+        with pytest.raises(OptionError, match="target error decides"):
+            encode_with_report(creature, "fast", target_error="1%", **options)
+    with pytest.raises(OptionError, match="target error decides"):
+        encode_with_report(creature, "paper", target_error="1%")
+    with pytest.raises(OptionError, match="time limit"):
+        encode_with_report(creature, "fast", time_limit=0)
+
+
+def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
+    endless = settings.replace(settings.PRESETS["fast"], steps=10**7, tune_steps=10**7, round_steps=10**7)
+    monkeypatch.setitem(settings.PRESETS, "fast", endless)
+    _, report = encode_with_report(creature, "fast", width=8, time_limit=12)
+    assert sum(report.seconds.values()) < 25
+    assert report.normalised.chamfer < 0.1
