@@ -16,17 +16,58 @@ if TYPE_CHECKING:
     from .decoder.model import Model, load, loads, loads_prefix
     from .encoder.check import Check, check
     from .encoder.pipeline import encode
-    from .errors import CndhfError, CndhfWarning
+    from .encoder.report import Report
+    from .errors import (
+        CndhfError,
+        CndhfWarning,
+        EncodeError,
+        FormatError,
+        InputError,
+        MeshError,
+        MissingExtraError,
+        OptionError,
+        OutputError,
+        SurfaceError,
+    )
 
 __version__ = "0.1.0"
-__all__ = ["Check", "CndhfError", "CndhfWarning", "Limits", "Model", "check", "encode", "load", "loads", "loads_prefix"]
+__all__ = [
+    "Check",
+    "CndhfError",
+    "CndhfWarning",
+    "EncodeError",
+    "FormatError",
+    "InputError",
+    "Limits",
+    "MeshError",
+    "MissingExtraError",
+    "Model",
+    "OptionError",
+    "OutputError",
+    "Report",
+    "SurfaceError",
+    "check",
+    "encode",
+    "load",
+    "loads",
+    "loads_prefix",
+]
 
 _HOMES = {
     "Check": "encoder.check",
     "CndhfError": "errors",
     "CndhfWarning": "errors",
+    "EncodeError": "errors",
+    "FormatError": "errors",
+    "InputError": "errors",
     "Limits": "decoder.limits",
+    "MeshError": "errors",
+    "MissingExtraError": "errors",
     "Model": "decoder.model",
+    "OptionError": "errors",
+    "OutputError": "errors",
+    "Report": "encoder.report",
+    "SurfaceError": "errors",
     "check": "encoder.check",
     "encode": "encoder.pipeline",
     "load": "decoder.model",

@@ -51,6 +51,7 @@ def _run(name: str) -> int:
     globals()[name] = script
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("always", CndhfWarning)
             warnings.showwarning = partial(_show_warning, program)
             return int(command.main(prog_name=program, standalone_mode=False) or 0)
     except click.ClickException as exc:

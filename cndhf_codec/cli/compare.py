@@ -30,8 +30,8 @@ def command(
 ) -> None:
     """Measure the distances between the surfaces A and B: meshes (OBJ, PLY, STL, OFF, GLB, glTF, 3MF) or .cndhf files.
 
-    In input units, and in percent of the diagonal of A's bounding box, so A should be the original. Chamfer is the
-    mean of the two directed mean distances; p99 and Hausdorff are of 200,000 points on each surface.
+    In input units, and in percent of the diagonal of A's bounding box, so A should be the original. The mean error (CD)
+    is the mean of the two directed mean distances; p99 and maximum are of 200,000 points on each surface.
     """
     from ..report.compare import compare, read_shape
 
@@ -51,5 +51,5 @@ def command(
         click.echo(json.dumps(values, indent=2))
         return
     click.echo(f"{a} ({result.a.bytes} bytes) and {b} ({result.b.bytes} bytes), diagonal {result.diagonal:.4g}")
-    for key, name in (("chamfer", "Chamfer"), ("p99", "p99"), ("hausdorff", "Hausdorff")):
+    for key, name in (("mean_error", "mean"), ("p99_error", "p99"), ("max_error", "maximum")):
         click.echo(f"{name:<10}{values[key]:<12.4g}{values['percent'][key]:.4f} %")

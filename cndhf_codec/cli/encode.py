@@ -12,12 +12,12 @@ import click
 
 from ..errors import InputError, OptionError
 from ..files import STREAM, check_output
-from .sizes import parse_size
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
     from ..encoder.check import Check
-    from ..encoder.pipeline import Report
+    from ..encoder.report import Report
+    from ..encoder.settings import Preset
     from ..mesh.bodies import Bodies
 
 
@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     help="Cut the fit short to keep to it; equal seeds then no longer give equal bytes.",
 )
 @click.option("--seed", type=int, default=0, help="Equal seeds give equal bytes on one kind of machine.")
-@click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="Where to fit; cuda is slower.")
 @click.option("--threads", type=int, help="Threads to use.  [default: all]")
 @click.option("--source-name", is_flag=True, help="Write the input's file name into the output.")
 @click.option("--overwrite", is_flag=True, help="Replace OUTPUT if it exists.")
@@ -76,7 +75,7 @@ def command(
     target: Path | None,
     only_check: bool,
     as_json: bool,
-    preset: str,
+    preset: Preset,
     axes: int | None,
     width: int | None,
     target_size: str | None,
@@ -85,7 +84,6 @@ def command(
     thicken: str | None,
     time_limit: float | None,
     seed: int,
-    device: str,
     threads: int | None,
     source_name: bool,
     overwrite: bool,
@@ -109,7 +107,7 @@ def command(
         raise OptionError("--json goes with --check")
     if target is None:
         raise click.MissingParameter(param_hint="OUTPUT.cndhf", param_type="argument")
-    from ..encoder.pipeline import encode_with_report
+    from ..encoder.pipeline import encode
     from ..encoder.progress import Bar
 
     to_stream = target == STREAM
@@ -119,18 +117,17 @@ def command(
         check_output(target, overwrite, [Path("/dev/stdin") if source == STREAM else source])
     bar = Bar(quiet)
     try:
-        model, report = encode_with_report(
+        model = encode(
             given,
-            preset,
+            preset=preset,
             axes=axes,
             width=width,
-            target_size=None if target_size is None else parse_size(target_size),
+            target_size=target_size,
             target_error=target_error,
             unit=unit,
             thicken=thicken,
             time_limit=time_limit,
             seed=seed,
-            device=device,
             threads=threads,
             source_name=source_name,
             progress=bar,
@@ -142,10 +139,8 @@ def command(
         sys.stdout.buffer.flush()
     else:
         model.save(target, overwrite=overwrite)
-    for line in report.warnings:
-        click.echo(f"cndhf-encode: warning: {line}", err=True)
     if not (quiet or to_stream):
-        click.echo(_summary(target, model, report))
+        click.echo(_summary(target, model, model.report))
     return 0
 
 
@@ -159,7 +154,7 @@ def _check(source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: st
 
 
 def _checked(c: Check) -> str:
-    from ..mesh.prepare import counted, percent
+    from ..mesh.wording import counted, percent
 
     lines = [
         f"{c.name}: {c.faces} faces, {c.vertices} vertices, {counted(c.components, 'component')}",
@@ -182,10 +177,11 @@ def _checked(c: Check) -> str:
             f"hidden from every axis, to be filled: {percent(c.hidden)} of the surface, "
             f"a volume of about {c.filled:.4g}"
         )
-    if c.floor:
+    if c.error_lower_bound:
         lines.append(
-            f"what is filled costs a mean error of about {c.floor:.3g} "
-            f"({100 * c.floor / c.diagonal:.3f} % of the diagonal) with {c.axes} axes; the fit's own error comes on top"
+            f"what is filled costs a mean error of about {c.error_lower_bound:.3g} "
+            f"({100 * c.error_lower_bound / c.diagonal:.3f} % of the diagonal) with {c.axes} axes; the fit's own error "
+            "comes on top"
         )
     lines += [f"assumed: {line}" for line in c.assumptions]
     lines.append("would be encoded" if c.refusal is None else f"would be refused: {c.refusal}")
@@ -193,7 +189,7 @@ def _checked(c: Check) -> str:
 
 
 def _bodies(found: Bodies | None) -> str:
-    from ..mesh.prepare import counted
+    from ..mesh.wording import counted
 
     assert found is not None
     if not found.closed:
@@ -214,7 +210,7 @@ def _summary(target: Path, model: Model, report: Report) -> str:
             f"{target}: {len(model.dumps())} bytes, {len(model.container.dhfs)} double height fields, "
             f"{sum(report.seconds.values()):.0f} s",
             "error in input units (and of the bounding box's diagonal): "
-            f"mean {error(d.chamfer)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
+            f"mean {error(d.mean)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
             f"input: {_bodies(report.bodies)}; result: {_bodies(report.decoded)}",
             f"surface seen by the chosen axes: {100 * report.covered:.1f} % "
             f"(by any axis: {100 * report.visible:.1f} %)",

@@ -68,6 +68,7 @@ class Model:
         self._thickness: tuple[Thickness | None] | None = None  # None: not looked for yet
         self._asked = 0
         self._lock = threading.Lock()
+        self.report: Any = None  # what `encode` did, a `cndhf_codec.Report`; None for a model that was read
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A lock cannot be copied, and cells can be made again.

@@ -11,13 +11,14 @@ from ..arrays import I64
 from ..decoder.parallel import processors
 from ..errors import require
 from ..mesh.bodies import bodies_of_solid, filled_volume, piercing
+from ..mesh.connectivity import Edges, chains, edges_of, face_components
+from ..mesh.lengths import parse_length
 from ..mesh.prepare import prepare
-from ..mesh.repair import Edges, connected, edges_of
 from .dhf.axes.costs import AxisCosts
-from .pipeline import check_seed, hidden_warning, unseen
-from .settings import PRESETS
-from .size_search import parse_length
-from .thread_pool import Team
+from .dhf.settings import DEFAULT
+from .pipeline import check_seed
+from .report import hidden_warning, unseen
+from .thread_pool import ThreadPool
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,10 @@ class Check:
     orientation is reversed. self_intersections: share of (at most 200,000 sampled) edges that pierce another face.
     parts: bodies of the solid that do not touch each other, and minor_parts: those shorter than a hundredth of the
     largest. volume: of the solid, exact for a closed surface that does not go through itself, else from 30,000 points.
-    hidden: share of the surface that no axis sees, which will be filled. filled, floor: the volume that exact height
-    fields along the `axes` best axes would add, and the mean error that they would leave by it. assumptions: a line for
-    each thing that would be taken for granted. refusal: why it would not be encoded, or None; then what is said of the
-    solid is None.
+    hidden: share of the surface that no axis sees, which will be filled. filled, error_lower_bound: the volume that
+    exact height fields along the `axes` best axes would add, and the mean error that they would leave by it.
+    assumptions: a line for each thing that would be taken for granted. refusal: why it would not be encoded, or None;
+    then what is said of the solid is None.
     """
 
     name: str
@@ -53,7 +54,7 @@ class Check:
     filled: float | None
     hidden: float | None
     axes: int | None
-    floor: float | None
+    error_lower_bound: float | None
     assumptions: list[str]
     refusal: str | None
 
@@ -64,7 +65,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     A surface that `encode` refuses, for being open or too thin, has a `refusal`. Raises InputError and MeshError for
     what is no mesh, OptionError, and MissingExtraError (the `encode` extra).
     """
-    check_seed(seed)
+    seed = check_seed(seed)
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     for library in ("embreex", "igl", "trimesh"):
         require(library, "encode")
@@ -73,20 +74,20 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     edges = edges_of(mesh.faces, len(mesh.vertices))
     boundary = _boundary(mesh.faces, edges)
     pierced = piercing(solid, seed)
-    parts = minor_parts = volume = filled = hidden = axes = floor = None
+    parts = minor_parts = volume = filled = hidden = axes = bound = None
     assumptions, refusal = prepared.assumptions, prepared.refusal
     if refusal is None:
         bodies = bodies_of_solid(solid, seed, pierced).scaled(scale)
         parts, minor_parts, volume = bodies.parts, bodies.minor, bodies.volume
-        with Team(min(4, processors())) as team:
-            costs = AxisCosts(solid, seed, team)
+        with ThreadPool(min(4, processors())) as threads:
+            costs = AxisCosts(solid, seed, threads)
         hidden = 1 - costs.visible
         assumptions = [*assumptions, *hidden_warning(costs.visible)]
         if costs.visible > 0:
-            axes = PRESETS["default"].max_axes or 1
+            axes = DEFAULT.max_axes
             chosen = costs.best(axes)
             # One of the two directions of the mean error sees what is filled.
-            floor = costs.depth(chosen) / 2 * scale
+            bound = costs.depth(chosen) / 2 * scale
             filled = filled_volume(solid, costs.axes[chosen]) * scale**3
         else:
             refusal = unseen(mesh.name)
@@ -98,8 +99,8 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         dropped_faces=mesh.dropped,
         extents=(x, y, z),
         diagonal=prepared.diagonal,
-        components=_parts(mesh.faces[:, :2], mesh.faces[:, 1:]),
-        boundary_loops=_parts(boundary),
+        components=int(face_components(mesh.faces, len(mesh.vertices)).max()) + 1,
+        boundary_loops=chains(boundary),
         boundary_edges=len(boundary),
         nonmanifold_edges=int((edges.count > 2).sum()),
         flipped=prepared.flipped,
@@ -110,7 +111,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         filled=filled,
         hidden=hidden,
         axes=axes,
-        floor=floor,
+        error_lower_bound=bound,
         assumptions=assumptions,
         refusal=refusal,
     )
@@ -120,10 +121,3 @@ def _boundary(faces: I64, edges: Edges) -> I64:
     """(B, 2) the vertices of the edges of one face."""
     side, face = np.nonzero(edges.count[edges.of] == 1)
     return np.stack([faces[face, side], faces[face, (side + 1) % 3]], axis=1)
-
-
-def _parts(*links: I64) -> int:
-    """How many connected parts pairs of numbers make."""
-    distinct, numbers = np.unique(np.concatenate(links), return_inverse=True)
-    numbers = numbers.reshape(-1, 2)
-    return int(connected(numbers[:, 0], numbers[:, 1], len(distinct)).max(initial=-1)) + 1

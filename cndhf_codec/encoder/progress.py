@@ -28,7 +28,7 @@ def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:
 
 
 class Bar:
-    """A progress bar on stderr, a line a stage: stage, share done, time left, loss. Nothing off a terminal."""
+    """A progress bar on stderr, one line per stage: stage, share done, time left, loss. Nothing off a terminal."""
 
     def __init__(self, quiet: bool = False) -> None:
         self._on = not quiet and sys.stderr.isatty()
@@ -44,9 +44,13 @@ class Bar:
             form = "{desc:<9} {percentage:3.0f}%|{bar:30}| {elapsed}, {remaining} left{postfix}"
             tqdm = require("tqdm", "encode").tqdm
             self._bar = tqdm(desc=stage, total=total, file=sys.stderr, bar_format=form)
+        if self._bar is None:
+            return
         if not math.isnan(loss):
             self._bar.set_postfix_str(f"loss {loss:.2e}", refresh=False)
         self._bar.update(done - self._bar.n)
+        if done >= total:  # what is printed next, such as a warning, gets a line of its own
+            self.close()
 
     def close(self) -> None:
         if self._bar is not None:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TypeVar
 
-from ..errors import EncodeError, OptionError
+from ..errors import EncodeError
 
-METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 START, MOST = 4096, 24_576  # bytes of the first file tried, and of the largest
 LEAST = 600
 TRIES = 6
@@ -18,38 +15,6 @@ SLOPE = 0.8  # of log error against log bytes, before anything is known of the m
 NEAR = 1.05  # a file this much larger than one that fails is small enough
 
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class Length:
-    """A length: in input units, or relative to the diagonal of the input's bounding box."""
-
-    value: float
-    relative: bool
-
-    def in_units(self, diagonal: float) -> float:
-        return self.value * diagonal if self.relative else self.value
-
-
-def parse_length(text: str | float, unit: str | None, what: str) -> Length:
-    """A length as a user writes it: "0.2%" of the diagonal; a number in input units; or, when `unit` says what the
-    input's unit is, "0.5mm", "0.1cm", "0.001m" or "0.02in". Raises OptionError, which says what it is the length of."""
-    if unit is not None and unit not in METRES:
-        raise OptionError(f"unit is {unit!r}; there are {', '.join(METRES)}")
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*(%|[a-z]+)?\s*", str(text))
-    value = float(match[1]) if match else 0.0
-    if match is None or not 0 < value < math.inf:
-        raise OptionError(f"{what} is {text!r}; give a positive number, alone or with %, mm, cm, m or in")
-    suffix = match[2]
-    if suffix == "%":
-        return Length(value / 100, relative=True)
-    if suffix is None:
-        return Length(value, relative=False)
-    if suffix not in METRES:
-        raise OptionError(f"{what} is {text!r}; units are {', '.join(METRES)}, or % of the diagonal")
-    if unit is None:
-        raise OptionError(f"{what} is {text!r}, but the input's unit is not known; state it with --unit")
-    return Length(value * METRES[suffix] / METRES[unit], relative=False)
 
 
 def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: float) -> Result:

@@ -1,4 +1,4 @@
-"""Threads that share a job with the caller."""
+"""Threads that share work with the caller."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-class Team:
-    """`threads` threads, the caller's among them: waking only the others is worth a third of a short job's time."""
+class ThreadPool:
+    """`threads` threads, the caller's among them: waking only the others is worth a third of the time of short work."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
@@ -31,7 +31,7 @@ class Team:
         parts = [part(0), *(o.result() for o in others)]
         return [parts[i % self.threads][i // self.threads] for i in range(len(todo))]
 
-    def __enter__(self) -> Team:
+    def __enter__(self) -> ThreadPool:
         return self
 
     def __exit__(

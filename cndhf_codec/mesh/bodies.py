@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import F64, I32, I64, Mask
-from .repair import connected
+from .connectivity import component_boxes, connected, face_components
+from .sampling import draw_faces, points_in
 from .solid import Solid, signed_volumes
 
 MINOR = 0.01  # a part shorter than this share of the largest is counted apart: few would see it come or go
@@ -41,7 +42,7 @@ class Bodies:
 
 def bodies_of_surface(vertices: F64, faces: I64) -> Bodies:
     """Of a closed surface without self-intersections, such as a decoder makes. Cavities are no bodies."""
-    label = _labels(vertices, faces)
+    label = face_components(faces, len(vertices))
     volumes = np.bincount(label, weights=signed_volumes(vertices, faces)).astype(np.float64)
     parts, minor = _counted(vertices, faces, label, volumes)
     return Bodies(parts, minor, float(volumes.sum()))
@@ -50,7 +51,7 @@ def bodies_of_surface(vertices: F64, faces: I64) -> Bodies:
 def bodies_of_solid(solid: Solid, seed: int, edges: Piercing | None = None) -> Bodies:
     """Of a solid, whose parts may overlap, touch or be open. Normalised units. edges: what `piercing` gives, if it is
     known."""
-    label = _labels(solid.vertices, solid.faces)
+    label = face_components(solid.faces, len(solid.vertices))
     pairs, pierced, face = edges or piercing(solid, seed)
     single = label.max() == 0
     if not single:
@@ -140,18 +141,9 @@ def _through(solid: Solid, start: F64, end: F64, pairs: I64, face: I32) -> Mask:
     return (face >= 0) & strangers & (before * behind < 0) & deep
 
 
-def _labels(vertices: F64, faces: I64) -> I64:
-    """(M,) number of the component of each face: those that share a vertex are of one."""
-    component = connected(faces[:, :2].ravel(), faces[:, 1:].ravel(), len(vertices))[faces[:, 0]]
-    return np.unique(component, return_inverse=True)[1].astype(np.int64)
-
-
 def _counted(vertices: F64, faces: I64, label: I64, volumes: F64) -> tuple[int, int]:
     """How many labels are parts and how many are minor ones; those of no positive volume are cavities or scraps."""
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
-    corners = vertices[faces[order]]
-    lo, hi = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
+    lo, hi = component_boxes(vertices, faces, label)
     length = np.linalg.norm(hi - lo, axis=1)
     minor = length < MINOR * length.max()
     return int((~minor & (volumes > 0)).sum()), int((minor & (volumes > 0)).sum())
@@ -163,10 +155,8 @@ def _neighbours(solid: Solid, label: I64, seed: int) -> tuple[I64, I64]:
     Just in front of the surface of one, a ray away from it meets another from behind: it began within that.
     """
     rng = np.random.default_rng(seed)
-    face = rng.choice(len(solid.faces), POINTS, p=solid.areas / solid.areas.sum())
-    face = np.concatenate([face, np.unique(label, return_index=True)[1]])
-    weights = rng.dirichlet([1, 1, 1], len(face))
-    points = np.einsum("nk,nkd->nd", weights, solid.vertices[solid.faces[face]])
+    face = np.concatenate([draw_faces(solid.areas, POINTS, rng), np.unique(label, return_index=True)[1]])
+    points = points_in(solid.vertices[solid.faces[face]], rng)
     normals = solid.normals[face]
     hit = solid.first_hits(points + TOUCH * normals, normals)
     behind = (hit >= 0) & ((solid.normals[hit] * normals).sum(axis=1) > 0)

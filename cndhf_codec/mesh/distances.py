@@ -1,4 +1,4 @@
-"""Verification: what the bytes just written decode to, measured against the input mesh."""
+"""Distances between two surfaces."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arrays import F64, I64
 from ..errors import require
+from .sampling import sample_surface
 
 SAMPLES = 200_000  # area-uniform points on each of the two surfaces
 
@@ -17,16 +18,16 @@ SAMPLES = 200_000  # area-uniform points on each of the two surfaces
 class Distances:
     """Distances between two surfaces, in the units of their coordinates.
 
-    chamfer: mean of the two directed mean point-to-surface distances. p99, maximum: over the samples of
-    both directions; the maximum estimates the Hausdorff distance from below.
+    mean: the mean error (CD), the mean of the two directed mean point-to-surface distances. p99, maximum: over the
+    samples of both directions; the maximum estimates the Hausdorff distance from below.
     """
 
-    chamfer: float
+    mean: float
     p99: float
     maximum: float
 
     def scaled(self, factor: float) -> Distances:
-        return Distances(self.chamfer * factor, self.p99 * factor, self.maximum * factor)
+        return Distances(self.mean * factor, self.p99 * factor, self.maximum * factor)
 
 
 def surface_distances(
@@ -46,15 +47,8 @@ def surface_distances(
 
 def point_distances(points: F64, vertices: F64, faces: I64) -> F64:
     """(N,) exact distance of points (N, 3) to a surface, in the units of their coordinates."""
-    igl: Any = require("igl", "encode")
+    igl: Any = require("igl", "compare")
     return np.sqrt(igl.point_mesh_squared_distance(points, np.ascontiguousarray(vertices), faces)[0])
-
-
-def sample_surface(vertices: F64, faces: I64, n: int, seed: int) -> F64:
-    """(n, 3) points drawn uniformly by area."""
-    trimesh: Any = require("trimesh", "encode")
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    return np.asarray(trimesh.sample.sample_surface(mesh, n, seed=seed)[0])
 
 
 def _directed(

@@ -18,7 +18,12 @@ class Normalisation:
     scale: float
 
     def apply(self, points: F64) -> F64:
+        """Input coordinates to the normalised frame."""
         return (points - np.array(self.centre)) / self.scale
+
+    def undo(self, points: F64) -> F64:
+        """Normalised frame to input coordinates."""
+        return points * self.scale + np.array(self.centre)
 
 
 def normalisation(mesh: Mesh) -> Normalisation:

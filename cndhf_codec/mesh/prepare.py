@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from ..arrays import F64, I64, Mask
-from ..encoder.size_search import Length
 from ..errors import MeshError, require
 from ..format.constants import BOX_STEP
+from .lengths import Length
 from .normalise import Normalisation, normalisation
+from .outliers import without_outliers
 from .read import Mesh, checked, read_mesh
-from .repair import connected
 from .solid import Solid
 from .thicken import check_thickness, thickened
+from .wording import percent
 
 MOST_OPEN = 0.25  # of the rays from outside may meet sheets: then the rest is worth having without them
 # A mesh of more faces is simplified for the fit: the trees over them would take minutes and gigabytes again and again.
@@ -23,19 +24,19 @@ MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000
 # How far behind a sheet a body must reach (normalised units). Measured there, inside: 2 % of a bed's single panel, 90 %
 # of a draped cloth, all of an open box.
 BEHIND = 0.01
-SPECKS = 0.001  # share of the surface up to which parts are specks, all together: less than any error of a file
-FAR_AWAY = 2.0  # a frame so many times as large leaves half of the detail
 THINNEST = 4 * BOX_STEP  # normalised units: a domain's box is rounded by up to a step at either side
-ROUNDING = 0.001  # a smaller share is not worth a line: of rays, a face seen from behind at a silhouette
+LEAST_SHARE = 0.001  # a smaller one is not worth a line: of rays, a face seen from behind at a silhouette
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """given: the input, and flipped, the share of its surface whose orientation was reversed. norm: the frame of what
+    """A mesh made ready to be encoded.
+
+    given: the input, and flipped, the share of its surface whose orientation was reversed. norm: the frame of what
     follows. solid: what is encoded, of a simplified mesh where the input is very large. reference: vertices and faces
-    that the error is measured against: the input's, with its walls if it was thickened, without specks far away.
-    extents, diagonal: of the input's bounding box, without such specks; input units. assumptions: a line for each thing
-    taken for granted. refusal: why there is no solid to encode, with the remedy, or None.
+    that the error is measured against: the input's, with its walls if it was thickened, without tiny parts far away.
+    extents: of the input's bounding box, without such parts; input units. assumptions: a line for each thing taken for
+    granted. refusal: why there is no solid to encode, with the remedy, or None.
     """
 
     given: Mesh
@@ -44,126 +45,63 @@ class Prepared:
     solid: Solid
     reference: tuple[F64, I64]
     extents: F64
-    diagonal: float
     assumptions: list[str]
     refusal: str | None
 
+    @property
+    def diagonal(self) -> float:
+        """Of the bounding box, input units."""
+        return float(np.linalg.norm(self.extents))
+
 
 def prepare(source: Any, thicken: Length | None = None) -> Prepared:
-    """Read a source (see `read_mesh`) and make it a solid; thicken: of the wall that sheets get. Raises InputError, and
-    MeshError for what is no mesh or a wall that cannot be made; a surface too open to be a solid, or too thin for a
-    file, is a `refusal`."""
+    """Read a source (see `read_mesh`) and make it a solid.
+
+    thicken: of the wall that sheets get. Raises InputError, and MeshError for what is no mesh or a wall that cannot be
+    made. A surface that is too open to be a solid, or too thin for a file, is a `refusal`.
+    """
     given = read_mesh(source)
     assumptions = list(given.notes)
     if given.dropped:
         assumptions.append(f"{given.dropped} faces of zero area were left out")
-    mesh, strays = without_strays(given)
-    assumptions += strays
-    extents = np.ptp(mesh.vertices, axis=0)
-    diagonal = float(np.linalg.norm(extents))
+    mesh, outliers = without_outliers(given)
     norm = normalisation(mesh)
     solid = _solid(mesh, norm)
-    flipped, refusal = solid.flipped, None
-    assumptions += _repairs(solid)
+    assumptions += [*outliers, *_repairs(solid)]
     if len(mesh.faces) > MOST_FACES:
         assumptions.append(
             f"the fit works on {len(solid.given)} faces, simplified from {len(mesh.faces)}; "
             "the error is measured against all of them"
         )
+    flipped, extents = solid.flipped, np.ptp(mesh.vertices, axis=0)
+    refusal = None
     if thicken is not None:
-        thickness = thicken.in_units(diagonal)
-        check_thickness(thickness, diagonal, mesh.name)
-        if solid.open:
-            assumptions.append(
-                f"sheets, {percent(solid.open)} of what is seen from outside, got a wall of {thickness:.4g}"
-            )
-            mesh = thickened(solid, norm, thickness, mesh.name)
-            norm = normalisation(mesh)
+        thickness = thicken.in_units(float(np.linalg.norm(extents)))
+        walled, line = _with_walls(mesh, norm, solid, thickness, extents)
+        assumptions.append(line)
+        if walled is not mesh:
+            mesh, norm = walled, normalisation(walled)
             solid = _solid(mesh, norm)
-        else:
-            assumptions.append("the surface has no sheets: nothing was thickened")
     elif solid.open > MOST_OPEN:
-        refusal = (
-            f"{mesh.name}: it has no inside: {100 * solid.open:.0f} % of what is seen from outside are open sheets "
-            "(a cloth, a range scan, walls without thickness); close them, or give them a wall with --thicken, such as "
-            f"--thicken 1% ({0.01 * diagonal:.3g} in its units)"
-        )
+        refusal = _no_inside(mesh.name, solid, extents)
     reference = solid.vertices, solid.given
     if len(mesh.faces) > MOST_FACES:
         reference = norm.apply(mesh.vertices), mesh.faces
-    if solid.open and not refusal:
-        bare = _bare(solid)
+    if refusal is None:
+        bare = _bare(solid) if solid.open else np.zeros(len(solid.faces), dtype=bool)
         if bare.any():
-            share = solid.areas[bare].sum() / solid.areas.sum()
-            assumptions.append(
-                f"sheets without thickness, {percent(share)} of the surface, {_place(solid, norm, bare)}, "
-                "were left out; --thicken gives them a wall"
-            )
-            used, numbers = np.unique(solid.faces[~bare], return_inverse=True)
-            kept = checked(solid.vertices[used] * norm.scale + np.array(norm.centre), numbers.reshape(-1, 3), mesh.name)
+            assumptions.append(_left_out(solid, norm, bare))
+            kept = _without(solid, norm, bare, mesh.name)
             # The frame is that of what is kept; the error is measured against what was given.
-            given_vertices, norm = reference[0] * norm.scale + np.array(norm.centre), normalisation(kept)
-            solid = _solid(kept, norm)
-            reference = norm.apply(given_vertices), reference[1]
-    if not refusal and solid.behind > ROUNDING:
-        assumptions.append(
-            f"the surface is open: {percent(solid.behind)} of the rays from outside came in through a hole, "
-            "which comes back closed"
-        )
-    if not refusal and solid.closed:
-        # Of a plate it is the thickness, of a rod half of it.
-        thickness = 2 * abs(solid.signed_volume) / float(solid.areas.sum())
-        if thickness < THINNEST:
-            refusal = (
-                f"{mesh.name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / THINNEST:.0f}th of its size: "
-                "thinner than a file can tell; thicken it"
+            given_vertices, norm = norm.undo(reference[0]), normalisation(kept)
+            solid, reference = _solid(kept, norm), (norm.apply(given_vertices), reference[1])
+        if solid.behind > LEAST_SHARE:
+            assumptions.append(
+                f"the surface is open: {percent(solid.behind)} of the rays from outside came in through a hole, "
+                "which comes back closed"
             )
-    return Prepared(given, flipped, norm, solid, reference, extents, diagonal, assumptions, refusal)
-
-
-def percent(share: float) -> str:
-    """A share in words that do not make nothing of little."""
-    return "under 0.1 %" if 0 < share < 0.001 else f"{100 * share:.1f} %"
-
-
-def counted(number: int, word: str = "part") -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"
-
-
-def without_strays(mesh: Mesh) -> tuple[Mesh, list[str]]:
-    """The mesh without what is far away and next to nothing, and a line that names it.
-
-    The frame reaches to the farthest vertex, and what a file can tell is a share of it: specks that make the frame
-    FAR_AWAY times as large take as much of the detail of everything else.
-    """
-    component = connected(mesh.faces[:, :2].ravel(), mesh.faces[:, 1:].ravel(), len(mesh.vertices))
-    count = int(component.max()) + 1
-    if count == 1:
-        return mesh, []
-    of_face = component[mesh.faces[:, 0]]
-    order = np.argsort(component, kind="stable")
-    starts = np.flatnonzero(np.diff(component[order], prepend=-1))
-    lo, hi = (f.reduceat(mesh.vertices[order], starts) for f in (np.minimum, np.maximum))
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    areas = np.bincount(of_face, weights=np.linalg.norm(np.cross(b - a, c - a), axis=1), minlength=count)
-    by_area = np.argsort(areas, kind="stable")
-    small = np.zeros(count, dtype=bool)
-    small[by_area[np.cumsum(areas[by_area]) <= SPECKS * areas.sum()]] = True
-    # What is large, and the small parts about it, which widen its box to no more than FAR_AWAY times.
-    low, high = lo[~small].min(axis=0), hi[~small].max(axis=0)
-    middle, reach = low / 2 + high / 2, FAR_AWAY * float(np.linalg.norm(high - low)) / 2
-    away = small & (np.linalg.norm(np.maximum(hi - middle, middle - lo), axis=1) > reach)
-    if not away.any():
-        return mesh, []
-    faces = away[of_face]
-    at = (lo[away] / 2 + hi[away] / 2)[0]
-    where = f"at about ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g})" + (" and elsewhere" if away.sum() > 1 else "")
-    kept = checked(mesh.vertices, mesh.faces[~faces], mesh.name)
-    return kept, [
-        f"{counted(int(away.sum()), 'tiny part')} far away ({counted(int(faces.sum()), 'face')}, "
-        f"{percent(areas[away].sum() / areas.sum())} of the surface, {where}) left out, of the errors too: to reach so "
-        "far would cost everything else its detail"
-    ]
+        refusal = _too_thin(mesh.name, solid, norm)
+    return Prepared(given, flipped, norm, solid, reference, extents, assumptions, refusal)
 
 
 def solid_or_error(prepared: Prepared) -> Solid:
@@ -184,6 +122,36 @@ def _solid(mesh: Mesh, norm: Normalisation) -> Solid:
     return Solid(vertices, faces)
 
 
+def _with_walls(mesh: Mesh, norm: Normalisation, solid: Solid, thickness: float, extents: F64) -> tuple[Mesh, str]:
+    """The mesh with a wall in place of its sheets, and a line that says so; thickness and extents in input units."""
+    check_thickness(thickness, float(np.linalg.norm(extents)), mesh.name)
+    if not solid.open:
+        return mesh, "the surface has no sheets: nothing was thickened"
+    line = f"sheets, {percent(solid.open)} of what is seen from outside, got a wall of {thickness:.4g}"
+    return thickened(solid, norm, thickness, mesh.name), line
+
+
+def _no_inside(name: str, solid: Solid, extents: F64) -> str:
+    return (
+        f"{name}: it has no inside: {100 * solid.open:.0f} % of what is seen from outside are open sheets "
+        "(a cloth, a range scan, walls without thickness); close them, or give them a wall with --thicken, such as "
+        f"--thicken 1% ({0.01 * float(np.linalg.norm(extents)):.3g} in its units)"
+    )
+
+
+def _too_thin(name: str, solid: Solid, norm: Normalisation) -> str | None:
+    """Why a solid is too thin for a file, or None. The thickness is a plate's; a rod's is half of its diameter."""
+    if not solid.closed:
+        return None
+    thickness = 2 * abs(solid.signed_volume) / float(solid.areas.sum())
+    if thickness >= THINNEST:
+        return None
+    return (
+        f"{name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / THINNEST:.0f}th of its size: "
+        "thinner than a file can tell; thicken it"
+    )
+
+
 def _bare(solid: Solid) -> Mask:
     """(M,) faces of sheets that nothing closes to a body: just behind them is outside. To keep them would leave threads
     of them in the fit."""
@@ -195,9 +163,23 @@ def _bare(solid: Solid) -> Mask:
     return solid.sheet & (inside < whole / 2)[patch]
 
 
+def _without(solid: Solid, norm: Normalisation, faces: Mask, name: str) -> Mesh:
+    """The solid's mesh without some faces, in input coordinates."""
+    used, numbers = np.unique(solid.faces[~faces], return_inverse=True)
+    return checked(norm.undo(solid.vertices[used]), numbers.reshape(-1, 3), name)
+
+
+def _left_out(solid: Solid, norm: Normalisation, faces: Mask) -> str:
+    share = solid.areas[faces].sum() / solid.areas.sum()
+    return (
+        f"sheets without thickness, {percent(share)} of the surface, {_place(solid, norm, faces)}, "
+        "were left out; --thicken gives them a wall"
+    )
+
+
 def _place(solid: Solid, norm: Normalisation, faces: Mask) -> str:
     """Where some faces are, in input coordinates."""
-    corners = solid.vertices[solid.faces[faces]].reshape(-1, 3) * norm.scale + np.array(norm.centre)
+    corners = norm.undo(solid.vertices[solid.faces[faces]].reshape(-1, 3))
     ends = np.stack([corners.min(axis=0), corners.max(axis=0)])
     ends = np.round(ends, 3 - int(np.ceil(np.log10(np.ptp(ends, axis=0).max())))) + 0.0  # thousandths of their size
     lo, hi = (", ".join(f"{x:g}" for x in end) for end in ends)
@@ -206,10 +188,10 @@ def _place(solid: Solid, norm: Normalisation, faces: Mask) -> str:
 
 def _repairs(solid: Solid) -> list[str]:
     repaired, out = solid.repaired, []
-    if solid.flipped > ROUNDING:
+    if solid.flipped > LEAST_SHARE:
         out.append(f"{percent(solid.flipped)} of the surface faced inward and was turned round")
     doubled = solid.areas[repaired.doubled].sum() / solid.areas.sum()
-    if doubled > ROUNDING:
+    if doubled > LEAST_SHARE:
         out.append(f"{percent(doubled)} of the surface was given in both orientations and is taken once")
     if repaired.repeated:
         out.append(f"{repaired.repeated} faces were copies of others and were left out")

@@ -12,25 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64, Mask
-from ..errors import require
+from .connectivity import Edges, connected, edges_of
 from .read import distinct_rows
 
 FLAP = 0.01  # share of the whole area up to which a flap of doubled faces is dropped; a larger one is a sheet
-
-
-@dataclass(frozen=True, eq=False)
-class Edges:
-    """Undirected edges of M faces. of: (3, M) the edge that starts at each corner of each face. count: (E,) faces at
-    the edge. net: (E,) faces that run along it one way less those that run the other way."""
-
-    of: I64
-    count: I64
-    net: I64
-
-    @property
-    def paired(self) -> Mask:
-        """(E,) edges of exactly two faces, across which a surface goes on."""
-        return self.count == 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +33,6 @@ class Repaired:
     repeated: int
     doubled: Mask
     dropped_pairs: int
-
-
-def edges_of(faces: I64, vertices: int) -> Edges:
-    """The edges of faces that name `vertices` vertices."""
-    start, end = faces.T, faces[:, [1, 2, 0]].T
-    distinct, of = np.unique(np.minimum(start, end) * vertices + np.maximum(start, end), return_inverse=True)
-    of = of.reshape(3, -1)
-    count = np.bincount(of.ravel())
-    ahead = np.bincount(of[start < end], minlength=len(distinct))
-    return Edges(of, count, 2 * ahead - count)
 
 
 def repair(faces: I64, areas: F64, vertices: int) -> Repaired:
@@ -142,10 +117,3 @@ def _patches(edges: Edges, areas: F64) -> tuple[I64, Mask]:
     turned = (side[:m] != side[first][patch]) & (side[:m] != side[m:])
     most = np.bincount(patch, weights=np.where(turned, areas, -areas)) > 0
     return patch, turned ^ (most[patch] & (side[:m] != side[m:]))
-
-
-def connected(a: I64, b: I64, nodes: int) -> I64:
-    """(nodes,) number of the component that each node is in, when those of a are linked to those of b."""
-    sparse, graph = require("scipy.sparse", "encode"), require("scipy.sparse.csgraph", "encode")
-    matrix = sparse.coo_matrix((np.ones(len(a), dtype=bool), (a, b)), shape=(nodes, nodes))
-    return graph.connected_components(matrix, directed=False)[1].astype(np.int64)

@@ -9,10 +9,13 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32, I64, Mask
 from ..errors import require
+from .connectivity import edges_of
 from .distances import point_distances
-from .repair import edges_of, repair
+from .repair import repair
+from .sampling import draw_faces, fibonacci_sphere, points_in
 
 RAYS_AT_ONCE = 2**18
+RAY_OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
 # A patch more of whose rays from outside than this meet it from behind has no inside. Measured: a bunny with holes in
 # its base 0.02, a sphere without a cap of a tenth of its area 0.09; an open box 0.17, a draped cloth 0.28, a range scan
 # 0.44.
@@ -34,8 +37,8 @@ class Solid:
     """
 
     def __init__(self, vertices: F64, faces: I64) -> None:
-        scene = require("embreex.rtcore_scene", "encode")
-        construction = require("embreex.mesh_construction", "encode")
+        scene = require("embreex.rtcore_scene", "compare")
+        construction = require("embreex.mesh_construction", "compare")
         self.vertices = vertices
         self.given = faces[np.argsort(_morton(vertices[faces].mean(axis=1)), kind="stable")]
         given_areas = np.linalg.norm(_cross(vertices, self.given), axis=1) / 2
@@ -67,6 +70,16 @@ class Solid:
             out[part] = self._scene.run(o[part], np.ascontiguousarray(d[part]), query="INTERSECT")
         return out
 
+    def sample(self, count: int, rng: np.random.Generator) -> tuple[F64, F64]:
+        """(count, 3) points of the surface, uniform by area, in the order of the faces; and their outward normals."""
+        face = draw_faces(self.areas, count, rng)
+        return points_in(self.vertices[self.faces[face]], rng), self.normals[face]
+
+    def visible_along(self, axis: F64, points: F64, normals: F64) -> Mask:
+        """(N,) whether nothing lies before a surface point (N, 3) on the side of the axis that it faces."""
+        toward = np.where((normals @ axis > 0)[:, None], axis, -axis)
+        return self.first_hits(points + RAY_OFFSET * normals, toward) < 0
+
     def contains(self, points: npt.NDArray[np.floating]) -> Mask:
         """Inside test: the winding number is above 1/2. That closes holes of the surface, and takes overlapping parts
         as one. Barill et al., "Fast Winding Numbers for Soups and Clouds" (2018)."""
@@ -97,7 +110,7 @@ class Solid:
 
     def winding_numbers(self, points: npt.NDArray[np.floating]) -> F64:
         """(N,) how often the surface goes round points (N, 3)."""
-        igl = require("igl", "encode")
+        igl = require("igl", "compare")
         wide = np.ascontiguousarray(points, dtype=np.float64)
         return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide))
 
@@ -106,7 +119,7 @@ class Solid:
         behind: they look inward."""
         patch = self.repaired.patch
         seen = np.zeros((2, patch.max() + 1), dtype=np.int64)  # from the front, from behind
-        for direction in _directions(14):
+        for direction in fibonacci_sphere(14):
             hit = self.first_hits(_disc(direction, 100), -direction)
             hit = hit[hit >= 0]
             for side, at in enumerate((hit[self.normals[hit] @ direction > 0], hit[self.normals[hit] @ direction < 0])):
@@ -136,13 +149,6 @@ def signed_volumes(vertices: F64, faces: I64) -> F64:
     """(M,) volumes between faces and the middle of all vertices: of a closed surface they add up to its volume."""
     a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
     return np.asarray((np.cross(a, b) * c).sum(axis=1)) / 6
-
-
-def _directions(n: int) -> F64:
-    """(n, 3) unit vectors spread over the sphere, none along a coordinate axis."""
-    from ..encoder.paper.axes import fibonacci_sphere
-
-    return fibonacci_sphere(n)
 
 
 def _disc(direction: F64, n: int) -> F64:

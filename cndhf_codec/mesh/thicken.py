@@ -43,7 +43,7 @@ def thickened(solid: Solid, norm: Normalisation, thickness: float, name: str) ->
     vertices, wall, _, _ = measure.marching_cubes(field, level=level, gradient_direction="descent")
     vertices = np.concatenate([solid.vertices, vertices.astype(np.float64) * spacing + origin])
     faces = np.concatenate([solid.faces[~solid.sheet], wall + len(solid.vertices)])
-    return checked(vertices * norm.scale + np.array(norm.centre), faces, name)
+    return checked(norm.undo(vertices), faces, name)
 
 
 def _distance_grid(vertices: F64, faces: I64, reach: float, spacing: float) -> tuple[F32, F64, float]:

@@ -41,9 +41,9 @@ class Comparison:
     def as_dict(self) -> dict[str, Any]:
         """Plain values. Distances in input units; `percent`: in percent of the diagonal."""
         units = {
-            "chamfer": self.distances.chamfer,
-            "p99": self.distances.p99,
-            "hausdorff": self.distances.maximum,
+            "mean_error": self.distances.mean,
+            "p99_error": self.distances.p99,
+            "max_error": self.distances.maximum,
         }
         shapes = {
             key: {"name": s.name, "bytes": s.bytes, "vertices": len(s.vertices), "faces": len(s.faces)}
@@ -80,6 +80,6 @@ def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> S
 
 
 def compare(a: Shape, b: Shape, seed: int = 0) -> Comparison:
-    """Area-uniform samples of each surface against the other: see `encoder.verify.surface_distances`."""
+    """Area-uniform samples of each surface against the other: see `mesh.distances.surface_distances`."""
     distances = surface_distances(a.vertices, a.faces, b.vertices, b.faces, seed)
     return Comparison(a, b, float(np.linalg.norm(np.ptp(a.vertices, axis=0))), distances)

@@ -32,7 +32,7 @@ def page(comparison: Comparison, up: str = "y") -> str:
     c = comparison
     values = c.as_dict()
     a, b = (f"{escape(s.name)} ({s.bytes:,} bytes, {len(s.faces):,} triangles)" for s in (c.a, c.b))
-    names = (("chamfer", "Chamfer distance (mean)"), ("p99", "99th percentile"), ("hausdorff", "Hausdorff (maximum)"))
+    names = (("mean_error", "mean error (CD)"), ("p99_error", "99th percentile"), ("max_error", "maximum"))
     rows = "".join(
         f"<tr><th>{name}</th><td>{values[key]:.4g}</td><td>{values['percent'][key]:.4f} %</td></tr>"
         for key, name in names

@@ -1,4 +1,4 @@
-"""Height targets: what one double height field should be, on a grid of rays along its axis."""
+"""The frame of a double height field: its axis, its rotation and its domain box, as the file stores them."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import F32, F64, I32, Mask
+from ...arrays import F64
 from ...format.constants import BOX_STEP, QUATERNION_ONE
 from ...format.container import fold, mirrors, rotation_matrix
-from ...mesh.solid import Solid
-
-RAY_START = 2.0  # the shape lies within 1 of the origin
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A DHF's frame as the file stores it: rotation as an integer quaternion, domain box in `BOX_STEP`s, and in which
+    """Rotation as an integer quaternion, domain box in `BOX_STEP`s, and in which
     of u and v its heights are mirrored (as `DhfRecord.fold`)."""
 
     quaternion: tuple[int, int, int, int]
@@ -42,34 +39,6 @@ class Frame:
         return uv
 
 
-@dataclass(frozen=True, eq=False)
-class HeightTargets:
-    """Heights at the pixel centres of a grid that fills the domain box; arrays are (nu, nv), heights float32.
-
-    hit: the ray meets the shape. near, far: first hit along +z and along -z, in the normalised frame.
-    near_known, far_known: the hit is on a face seen from its front. Seen from behind, the ray came in through
-    a hole in the surface, and the height is not one of the solid's. laplacian_near, laplacian_far: five-point
-    sums h(left) + h(right) + h(below) + h(above) - 4 h, in heights; laplacian_known: where all five are known.
-    """
-
-    frame: Frame
-    uv: F32  # (nu, nv, 2), on the side of the frame's mirrors that the network describes
-    hit: Mask
-    near: F32
-    far: F32
-    near_known: Mask
-    far_known: Mask
-    laplacian_near: F32
-    laplacian_far: F32
-    laplacian_known: Mask
-
-    @property
-    def unknown(self) -> float:
-        """Share of the rays that hit whose hit is on a face seen from behind."""
-        rays = 2 * int(self.hit.sum())
-        return 1 - float(self.near_known.sum() + self.far_known.sum()) / rays if rays else 0.0
-
-
 def frame_for_axis(axis: F64, vertices: F64) -> Frame:
     """Frame whose rotation takes `axis` to +z the shortest way, and the box of the rotated vertices."""
     x, y, z = axis / np.linalg.norm(axis)
@@ -86,61 +55,3 @@ def frame_for_quaternion(q: F64, vertices: F64) -> Frame:
     hi = np.maximum(np.ceil(uvz.max(axis=0) / BOX_STEP).astype(int), lo + 1)
     box = (int(lo[0]), int(hi[0]), int(lo[1]), int(hi[1]), int(lo[2]), int(hi[2]))
     return Frame((a, b, c, d), box)
-
-
-def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets:
-    """Cast one ray down and one up through each pixel; `resolution` pixels along the box's longer side."""
-    (u0, u1), (v0, v1), _ = frame.bounds
-    pixel = max(u1 - u0, v1 - v0) / resolution
-    nu, nv = (max(8, round((b - a) / pixel)) for a, b in ((u0, u1), (v0, v1)))
-    u = u0 + (np.arange(nu) + 0.5) * (u1 - u0) / nu
-    v = v0 + (np.arange(nv) + 0.5) * (v1 - v0) / nv
-    uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
-    flat = uv.reshape(-1, 2)
-
-    R = frame.rotation
-    start = np.column_stack([flat, np.full(len(flat), RAY_START)])
-    top = solid.first_hits(start @ R, -R[2])
-    bottom = solid.first_hits((start * [1, 1, -1]) @ R, R[2])
-    hit = (top >= 0) & (bottom >= 0)
-    far, up = _heights_on(solid, R, top, flat)
-    near, down = _heights_on(solid, R, bottom, flat)
-    far_known, near_known = hit & (up > 0), hit & (down < 0)
-
-    shape = (nu, nv)
-    near, far = near.reshape(shape), far.reshape(shape)
-    known = _with_neighbours((near_known & far_known).reshape(shape))
-    return HeightTargets(
-        frame=frame,
-        uv=frame.folded(uv).astype(np.float32),
-        hit=hit.reshape(shape),
-        near=near.astype(np.float32),
-        far=far.astype(np.float32),
-        near_known=near_known.reshape(shape),
-        far_known=far_known.reshape(shape),
-        laplacian_near=np.where(known, _laplacian(near), 0).astype(np.float32),
-        laplacian_far=np.where(known, _laplacian(far), 0).astype(np.float32),
-        laplacian_known=known,
-    )
-
-
-def _heights_on(solid: Solid, R: F64, face: I32, uv: F64) -> tuple[F64, F64]:
-    """z of each hit triangle's plane at (u, v) in float64, kept within the triangle, 0 where face is -1; and the z of
-    its normal, in the DHF's frame."""
-    corners, n = solid.vertices[solid.faces[face]] @ R.T, solid.normals[face] @ R.T
-    a = corners[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = a[:, 2] - ((uv - a[:, :2]) * n[:, :2]).sum(axis=1) / n[:, 2]
-    zs = corners[:, :, 2]
-    z = np.clip(np.nan_to_num(z, nan=np.inf), zs.min(axis=1), zs.max(axis=1))
-    return np.where(face >= 0, z, 0), n[:, 2]
-
-
-def _laplacian(h: F64) -> F64:
-    p = np.pad(h, 1)
-    return p[2:, 1:-1] + p[:-2, 1:-1] + p[1:-1, 2:] + p[1:-1, :-2] - 4 * h
-
-
-def _with_neighbours(mask: Mask) -> Mask:
-    p = np.pad(mask, 1)
-    return mask & p[2:, 1:-1] & p[:-2, 1:-1] & p[1:-1, 2:] & p[1:-1, :-2]

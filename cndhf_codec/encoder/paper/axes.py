@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import F32, F64, I64, Mask
+from ...mesh.sampling import fibonacci_sphere, points_in
 from ...mesh.solid import Solid
+from .settings import PaperSettings
 
 N_FIBONACCI = 50
-SAMPLES_A_TRIANGLE = 5
+SAMPLES_PER_TRIANGLE = 5
 GRAZING = 1e-4  # cosine between a ray and its face's normal, below which the ray lies within the face
 RAY_OFFSET = 1e-5  # a ray starts this far from the surface it leaves (normalised units)
 
@@ -27,16 +29,6 @@ class AxisChoice:
     axes: F64
     covered: F64
     visible: float
-
-
-def fibonacci_sphere(n: int) -> F64:
-    """(n, 3) unit vectors on the spherical Fibonacci lattice, as in Keinert et al., "Spherical Fibonacci
-    Mapping" (2015): longitude 2 pi i / golden ratio, z = 1 - (2 i + 1) / n."""
-    i = np.arange(n)
-    z = 1 - (2 * i + 1) / n
-    phi = 2 * np.pi * (i * (np.sqrt(5) - 1) / 2 % 1)
-    r = np.sqrt(1 - z * z)
-    return np.column_stack([r * np.cos(phi), r * np.sin(phi), z])
 
 
 def candidates() -> F64:
@@ -72,24 +64,22 @@ def effective_area(areas: F64, seen: Mask, rarity: str) -> F64:
     return np.where(visible, areas * np.maximum(ratio if rarity == "printed" else 1 / ratio, 1), 0)
 
 
-def choose_axes(
-    solid: Solid, seed: int, threads: int, rarity: str, coverage: float, max_axes: int | None
-) -> AxisChoice:
-    """Greedy: take the axis that sees most of the effective area left, until `coverage` of it is seen."""
+def choose_axes(solid: Solid, settings: PaperSettings, seed: int, threads: int) -> AxisChoice:
+    """Greedy: take the axis that sees most of the effective area left, until `settings.coverage` of it is seen."""
     directions = candidates()
     seen = visibility(solid, directions, seed, threads)
-    weight = effective_area(solid.areas, seen, rarity)
+    weight = effective_area(solid.areas, seen, settings.rarity)
     left = weight.copy()
     chosen: list[int] = []
     covered: list[float] = []
     unseen = np.ones(len(weight), dtype=bool)
-    while len(chosen) < (max_axes or len(directions)):
+    while len(chosen) < (settings.max_axes or len(directions)):
         best = int(np.argmax(seen @ left))
         chosen.append(best)
         unseen &= ~seen[best]
         left[seen[best]] = 0
         covered.append(float(1 - solid.areas[unseen].sum() / solid.areas.sum()))
-        if left.sum() <= (1 - coverage) * weight.sum():
+        if left.sum() <= (1 - settings.coverage) * weight.sum():
             break
     visible = float(solid.areas[seen.any(axis=0)].sum() / solid.areas.sum())
     return AxisChoice(directions[chosen], np.array(covered), visible)
@@ -98,14 +88,11 @@ def choose_axes(
 def _samples(solid: Solid, seed: int) -> tuple[I64, F32]:
     """Owner triangle (S,) and position (S, 3) of every sample; the first M are the centroids, in order."""
     m = len(solid.faces)
-    counts = np.ceil(SAMPLES_A_TRIANGLE * m * solid.areas / solid.areas.sum()).astype(np.int64)
+    counts = np.ceil(SAMPLES_PER_TRIANGLE * m * solid.areas / solid.areas.sum()).astype(np.int64)
     extra = np.repeat(np.arange(m), np.maximum(counts - 1, 0))
-    rng = np.random.default_rng(seed)
-    r1, r2 = np.sqrt(rng.random(len(extra))), rng.random(len(extra))
-    weights = np.column_stack([1 - r1, r1 * (1 - r2), r1 * r2])
     corners = solid.vertices[solid.faces]
     centroids = corners.mean(axis=1)
-    others = np.einsum("sk,skd->sd", weights, corners[extra])
+    others = points_in(corners[extra], np.random.default_rng(seed))
     return (
         np.concatenate([np.arange(m), extra]),
         np.concatenate([centroids, others]).astype(np.float32),

@@ -3,39 +3,52 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
-import torch
-
-from ...format import DhfRecord
 from ...mesh.solid import Solid
 from ..deadline import Deadline
-from ..dhf.fit.single import fit_all, one_torch_thread
-from ..dhf.frames import frame_for_axis, height_targets
+from ..dhf.fit.single import Training, fit_each, one_torch_thread
+from ..dhf.fit.targets import height_targets
+from ..dhf.frames import frame_for_axis
+from ..encoded import Encoded
 from ..progress import Stage
-from ..settings import Settings
-from ..thread_pool import Team
+from ..thread_pool import ThreadPool
 from .axes import choose_axes
+from .loss import TileLoss, adam
 from .quantise import quantise
+from .settings import PaperSettings
 
 
 def encode_paper(
-    solid: Solid, settings: Settings, seed: int, device: torch.device, threads: int, stage: Stage, deadline: Deadline
-) -> tuple[list[DhfRecord], float, float, float]:
-    """DHF records, and the shares of surface that the chosen and that any axes see, and of rays through holes."""
+    solid: Solid, settings: PaperSettings, seed: int, threads: int, stage: Stage, deadline: Deadline
+) -> Encoded:
     stage("axes", 1)
-    choice = choose_axes(solid, seed, threads, settings.rarity, settings.coverage, settings.max_axes)
+    choice = choose_axes(solid, settings, seed, threads)
     if choice.visible == 0:
-        return [], 0.0, 0.0, 0.0
+        return Encoded([], 0.0, 0.0, 0.0)
     frames = [frame_for_axis(axis, solid.vertices) for axis in choice.axes]
     targets = [height_targets(solid, f, settings.target_resolution) for f in frames]
-    on_fit = stage("fit", settings.steps * len(targets))
-    with one_torch_thread(), Team(threads) as team:
-        alike = [settings] * len(targets)
-        fitted = fit_all(targets, alike, seed, device, team, lambda done, total, loss: on_fit(done, loss), deadline)
+    training = Training(
+        width=settings.width,
+        hidden_layers=settings.hidden_layers,
+        omega=settings.omega,
+        steps=settings.steps,
+        learning_rate=settings.learning_rate,
+        batch=settings.batch,
+        loss=partial(TileLoss, margin=settings.margin, laplacian=settings.laplacian),
+        optimiser=adam,
+    )
+    report = stage("fit", settings.steps * len(targets))
+
+    def on_steps(done: int, total: int, loss: float) -> None:
+        report(done, loss)
+
+    with one_torch_thread(), ThreadPool(threads) as pool:
+        fitted = fit_each(targets, [training] * len(targets), seed, pool, on_steps, deadline)
     on_rounded = stage("round", len(targets))
     records = []
     for k, (network, target) in enumerate(zip(fitted, targets, strict=True)):
         tensors = [t.numpy() for t in network.tensors(0)]
         records.append(quantise(tensors, target, settings, seed))
         on_rounded(k + 1, math.nan)
-    return records, float(choice.covered[-1]), choice.visible, max(t.unknown for t in targets)
+    return Encoded(records, float(choice.covered[-1]), choice.visible, max(t.unknown for t in targets))

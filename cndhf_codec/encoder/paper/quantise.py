@@ -1,4 +1,4 @@
-"""Quantisation: one step a tensor, chosen so that rounding costs no more loss than allowed."""
+"""Quantisation: one step per tensor, chosen so that rounding costs no more loss than allowed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ...decoder.dhf.network import Network
 from ...errors import EncodeError
 from ...format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from ...format.container import DhfRecord, Symbols, step_size
-from ..dhf.fit.single import INSIDE
-from ..dhf.frames import HeightTargets
-from ..settings import Settings
+from ..dhf.fit.single import SILHOUETTE_SHARE
+from ..dhf.fit.targets import HeightTargets
+from .settings import PaperSettings
 
 Tensors = list[F32]
 
@@ -21,7 +21,7 @@ SAMPLES = 2**15
 PROBE = 2.0**-10  # trial steps that measure a tensor's sensitivity, relative to its RMS value
 
 
-def quantise(tensors: Tensors, targets: HeightTargets, settings: Settings, seed: int) -> DhfRecord:
+def quantise(tensors: Tensors, targets: HeightTargets, settings: PaperSettings, seed: int) -> DhfRecord:
     """Round a fitted network: the coarsest set of steps is taken whose loss stays within
     `settings.quantisation_loss` of the unrounded network's.
 
@@ -66,11 +66,11 @@ def quantise(tensors: Tensors, targets: HeightTargets, settings: Settings, seed:
 class _Probe:
     """Fixed sample points on which a network's heights and its loss are looked at."""
 
-    def __init__(self, targets: HeightTargets, settings: Settings, seed: int) -> None:
+    def __init__(self, targets: HeightTargets, settings: PaperSettings, seed: int) -> None:
         rng = np.random.default_rng(seed)
         hit = targets.hit.ravel()
         inside, outside = np.flatnonzero(hit), np.flatnonzero(~hit)
-        n_outside = round(SAMPLES * (1 - INSIDE)) if len(outside) else 0
+        n_outside = round(SAMPLES * (1 - SILHOUETTE_SHARE)) if len(outside) else 0
         at = rng.choice(inside, SAMPLES - n_outside)
         if n_outside:
             at = np.concatenate([at, rng.choice(outside, n_outside)])

@@ -14,17 +14,16 @@ import numpy as np
 
 from ....arrays import F64, Mask
 from ....errors import require
+from ....mesh.sampling import fibonacci_sphere
 from ....mesh.solid import Solid
-from ...paper.axes import fibonacci_sphere
-from ...thread_pool import Team
-from ..fit.samples import surface_points, visible_points
+from ...thread_pool import ThreadPool
 from .mirrors import MirrorPlane
 
 DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
-ALIGNED = 6  # the last of the candidates: coordinate and principal axes
-IN_PLANE = 16  # directions in a mirror plane
+N_ALIGNED = 6  # the last of the candidates: coordinate and principal axes
+DIRECTIONS_IN_PLANE = 16  # in a mirror plane
 POINTS = 20_000
-SLANT = 2e-4  # cost of a point seen at a cosine of 1/2 (normalised units)
+SLANT_COST = 2e-4  # of a point seen at a cosine of 1/2 (normalised units)
 LEAST_COSINE = 0.1
 IN_FRONT = 1e-3  # how far in front of a hidden point is looked at (normalised units)
 
@@ -32,13 +31,13 @@ IN_FRONT = 1e-3  # how far in front of a hidden point is looked at (normalised u
 class AxisCosts:
     """Cost of every candidate axis at every sample of the surface. planes: the solid's mirror planes."""
 
-    def __init__(self, solid: Solid, seed: int, team: Team, planes: Sequence[MirrorPlane] = ()) -> None:
-        points, normals = surface_points(solid, POINTS, np.random.default_rng(seed))
+    def __init__(self, solid: Solid, seed: int, threads: ThreadPool, planes: Sequence[MirrorPlane] = ()) -> None:
+        points, normals = solid.sample(POINTS, np.random.default_rng(seed))
         free, mirrored = _candidates(solid), _within(planes)
         self.axes = np.concatenate([free, mirrored])
-        self._aligned = range(len(free) - ALIGNED, len(free))
+        self._aligned = range(len(free) - N_ALIGNED, len(free))
         self._mirrored = range(len(free), len(self.axes))
-        rows = team.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
+        rows = threads.map(lambda a: _cost(solid, points, normals, a), list(self.axes))
         self.costs, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
         self._points = points
         hidden = np.flatnonzero(~self._seen.any(axis=0))
@@ -77,8 +76,8 @@ class AxisCosts:
     def mean_cost(self, chosen: list[int]) -> float:
         return float(self.costs[chosen].min(axis=0).mean())
 
-    def floor(self, chosen: list[int]) -> float:
-        """About the Chamfer distance that the exact height fields leave: one of its directions sees what they fill."""
+    def error_lower_bound(self, chosen: list[int]) -> float:
+        """About the mean error that the exact height fields leave: one of its two directions sees what they fill."""
         costs, seen = self.costs[chosen], self._seen[chosen]
         best = costs.argmin(axis=0), np.arange(costs.shape[1])
         return float(np.where(seen[best], 0, costs[best]).mean()) / 2
@@ -121,7 +120,7 @@ def _candidates(solid: Solid) -> F64:
 def _within(planes: Sequence[MirrorPlane]) -> F64:
     """Axes across the planes, all around within them, and where two planes meet."""
     axes = [np.empty((0, 3))]
-    angles = np.arange(IN_PLANE) * (np.pi / IN_PLANE)
+    angles = np.arange(DIRECTIONS_IN_PLANE) * (np.pi / DIRECTIONS_IN_PLANE)
     for plane in planes:
         u = np.cross(plane.normal, np.eye(3)[np.argmin(np.abs(plane.normal))])
         u /= np.linalg.norm(u)
@@ -134,9 +133,9 @@ def _within(planes: Sequence[MirrorPlane]) -> F64:
 def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, Mask, F64]:
     """(N,) cost of the axis at each point, whether the axis sees the point, and how deep below the surface it is along
     the axis where it does not."""
-    seen = visible_points(solid, points, normals, axis)
+    seen = solid.visible_along(axis, points, normals)
     cosine = np.clip(np.abs(normals @ axis), LEAST_COSINE, 1)
-    cost = SLANT * (1 / cosine - 1)
+    cost = SLANT_COST * (1 / cosine - 1)
     hidden = np.flatnonzero(~seen)
     # What is hidden from the axis is filled up to the nearer of the two surfaces along it.
     p = points[hidden]

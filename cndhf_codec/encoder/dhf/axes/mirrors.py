@@ -11,10 +11,9 @@ from ....errors import require
 from ....format.constants import BOX_STEP
 from ....mesh.distances import point_distances
 from ....mesh.solid import Solid
-from ..fit.samples import surface_points
 from ..frames import Frame, frame_for_axis, frame_for_quaternion
 
-WORST = 3e-4  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
+MOST_ERROR = 3e-4  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
 POINTS = 20_000
 SPACING = 1.5  # times the samples' own distance from each other that those of a mirror image may be from them
 SQUARE = 0.01  # cosine up to which two planes stand at right angles
@@ -39,16 +38,16 @@ def mirror_planes(solid: Solid, seed: int) -> list[MirrorPlane]:
     """
     centroid, axes = _moments(solid)
     rng = np.random.default_rng(seed)
-    points, others = (surface_points(solid, POINTS, rng)[0] for _ in range(2))
+    points, others = (solid.sample(POINTS, rng)[0] for _ in range(2))
     tree = require("scipy.spatial", "encode").cKDTree(points)
     spacing = float(tree.query(others)[0].mean())
     found = []
     for normal in (*np.eye(3), *axes):
         offset = float(normal @ centroid)
         image = others - 2 * (others @ normal - offset)[:, None] * normal
-        if tree.query(image)[0].mean() <= SPACING * spacing + WORST:
+        if tree.query(image)[0].mean() <= SPACING * spacing + MOST_ERROR:
             error = float(point_distances(image, solid.vertices, solid.faces).mean())
-            if error <= WORST:
+            if error <= MOST_ERROR:
                 found.append(MirrorPlane(normal, offset, error))
     chosen: list[MirrorPlane] = []
     for plane in sorted(found, key=lambda p: p.error):

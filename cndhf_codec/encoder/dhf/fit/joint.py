@@ -1,8 +1,9 @@
-"""Joint fine-tuning: all double height fields at once on the composite loss."""
+"""The joint fit: all double height fields at once on the joint loss."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,19 +13,21 @@ from ...deadline import Deadline
 from ...progress import OnStep
 from ..network.siren import Networks
 from ..network.soap import Soap
-from .loss import FAR, REACH, Composite
+from .active_set import TOLERANCE
+from .loss import JointLoss
+from .sample_store import NO_FIELD
 from .single import cosine_schedule
 
-WARM_UP = 0.05  # of the steps the learning rate rises: sooner, and one network takes over what was another's
-SURFACE = 0.7  # share of a batch drawn on the surface
-LOOK_EVERY = 1000  # steps between looks at what matters to the loss
-STEADY = 20  # widest networks that bear the whole learning rate; with wider ones the loss rises in the long run
-EARLY = 700  # steps in which new networks change much, and everything is taken to matter
-# A network that is asked less than others learns as much less a step, at least this share of it: its gradients are of
+WARM_UP_SHARE = 0.05  # of the steps the learning rate rises: sooner, and one network takes over what was another's
+SURFACE_SHARE = 0.7  # of a batch is drawn on the surface
+FIRST_REFRESH = 700  # steps in which new networks change much, and all fields have a say in all samples
+REFRESH_EVERY = 1000  # steps after that
+FULL_RATE_WIDTH = 20  # widest networks that bear the whole rate; with wider ones the loss rises in the long run
+# A network that is asked less than others learns as much less per step, at least this share of it: its gradients are of
 # few samples, and at full length its steps are a random walk, on which it loses what it has, or grows ever steeper.
-LEAST_RATE = 0.2
-AT_ONCE = 100  # steps that batches are drawn for, all between two looks; the loss is reported as often
-TOGETHER = 20  # steps that are taken without a look at the deadline
+LEAST_RATE_SHARE = 0.2
+DRAW_EVERY = 100  # steps that batches are drawn for, all between two refreshes; the loss is reported as often
+CALL_STEPS = 20  # that are taken without a look at the deadline
 
 
 class IdleNetworkError(Exception):
@@ -34,50 +37,59 @@ class IdleNetworkError(Exception):
         self.number = number
 
 
-def tune(
+class Schedule(NamedTuple):
+    """batch: samples per step. rate: the highest learning rate; it falls to zero along a cosine."""
+
+    batch: int
+    steps: int
+    rate: float
+
+
+def joint_fit(
     networks: Networks,
-    composite: Composite,
-    batch: int,
-    steps: int,
-    rate: float,
+    loss: JointLoss,
+    schedule: Schedule,
     seed: int,
     on_step: OnStep,
     deadline: Deadline,
     held: torch.Tensor | None = None,
 ) -> None:
-    """Train the networks in place for `steps` steps, learning rate `rate` falling to zero along a cosine; faster, and
-    for fewer steps, when the deadline comes first. A network that owns less of the surface than an equal share takes as
-    much less of the rate, at least LEAST_RATE of it. Where a network is wider than STEADY all take less, by the square
-    of the width: a narrow one that is seldom asked, at a higher rate than the others, grows wild in the long run.
+    """Train the networks in place; the rate falls faster, and for fewer steps, when the deadline comes first.
+
+    A network that owns less of the surface than an equal share takes as much less of the rate, at least
+    LEAST_RATE_SHARE of it. Where a network is wider than FULL_RATE_WIDTH all take less, by the square of the width: a
+    narrow one that is seldom asked, at a higher rate than the others, grows wild in the long run.
 
     held: (K, P) mask of the weights to leave as they are. Raises EncodeError when it diverges, and, with no weight
-    held, IdleNetworkError when no sample of AT_ONCE steps has pulled at one of several networks.
+    held, IdleNetworkError when no sample of DRAW_EVERY steps has pulled at one of several networks.
     """
-    rate *= min(1.0, (STEADY / max(networks.widths)) ** 2)
+    steps = schedule.steps
+    highest = schedule.rate * min(1.0, (FULL_RATE_WIDTH / max(networks.widths)) ** 2)
     rng = np.random.default_rng(seed)
     optimiser = Soap(networks)
-    n_surface = round(batch * SURFACE)
+    n_surface = round(schedule.batch * SURFACE_SHARE)
     pulled = np.zeros(len(networks), np.bool_)
-    for first in range(0, steps, TOGETHER):
+    for first in range(0, steps, CALL_STEPS):
         passed = deadline.passed()
         if passed >= 1:
             break
-        if first == 0 or first % LOOK_EVERY == EARLY:
-            composite.look(networks, FAR if first == 0 and held is None else REACH)
-            shares = np.clip(composite.owned * len(networks), LEAST_RATE, 1.0)
-        if first % AT_ONCE == 0:
-            batches = composite.draw_batches(n_surface, batch - n_surface, min(AT_ONCE, steps - first), rng)
-        last = min(first + TOGETHER, steps)
+        if first == 0 or first % REFRESH_EVERY == FIRST_REFRESH:
+            loss.active.refresh(networks, NO_FIELD if first == 0 and held is None else TOLERANCE)
+            shares = np.clip(loss.active.owned * len(networks), LEAST_RATE_SHARE, 1.0)
+        if first % DRAW_EVERY == 0:
+            count = min(DRAW_EVERY, steps - first)
+            draws = loss.active.draw_steps(n_surface, schedule.batch - n_surface, count, rng)
+        last = min(first + CALL_STEPS, steps)
         done = [max(step / steps, passed) for step in range(first, last)]
-        schedule = [rate * cosine_schedule((d + 1 / steps) / WARM_UP, d) for d in done]
-        some = batches.part(first % AT_ONCE, first % AT_ONCE + len(done))
-        loss, pulled_now = composite.descend(networks, optimiser, some, np.outer(schedule, shares), held)
+        rates = [highest * cosine_schedule((d + 1 / steps) / WARM_UP_SHARE, d) for d in done]
+        some = draws.part(first % DRAW_EVERY, first % DRAW_EVERY + len(done))
+        cost, pulled_now = loss.descend(networks, optimiser, some, np.outer(rates, shares), held)
         pulled |= pulled_now
-        if last % AT_ONCE == 0 or last == steps:
-            if not (math.isfinite(loss) and bool(torch.isfinite(networks.theta).all())):
+        if last % DRAW_EVERY == 0 or last == steps:
+            if not (math.isfinite(cost) and bool(torch.isfinite(networks.theta).all())):
                 raise EncodeError(f"the joint fit diverged at step {last}; try another --seed")
-            on_step(last, loss)
-        if held is None and last % AT_ONCE == 0:
-            if last > EARLY and len(networks) > 1 and not pulled.all():
+            on_step(last, cost)
+        if held is None and last % DRAW_EVERY == 0:
+            if last > FIRST_REFRESH and len(networks) > 1 and not pulled.all():
                 raise IdleNetworkError(int(pulled.argmin()))
             pulled[:] = False

@@ -1,39 +1,45 @@
-"""The fit: one SIREN to one set of height targets."""
+"""The single fit: one SIREN to one set of height targets."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from threading import Event, Lock
 
 import numpy as np
 import torch
 
-from ....errors import EncodeError, OptionError
+from ....errors import EncodeError
 from ...deadline import Deadline
-from ...settings import Settings
-from ...thread_pool import Team
-from ..frames import HeightTargets
-from ..network.siren import Networks, forward, heights, initialise
+from ...thread_pool import ThreadPool
+from ..network.siren import Networks, heights, initialise
 from ..network.soap import Soap
+from .targets import HeightTargets
 
 OnSteps = Callable[[int, int, float], None]  # done, total, loss
+Loss = Callable[[Networks, torch.Generator], torch.Tensor]
+Step = Callable[[torch.Tensor, float], None]  # gradient, learning rate
 
-WARM_UP = 100  # steps of rising learning rate
-INSIDE = 0.75  # share of a batch drawn inside the silhouette
-TILE = 16  # pixels along the side of the tiles that the Laplacian loss looks at
+WARM_UP_STEPS = 100  # of rising learning rate
+SILHOUETTE_SHARE = 0.75  # of a batch is drawn inside the silhouette
 REPORT_EVERY = 20  # steps
 
 
-def choose_device(name: str) -> torch.device:
-    """The torch device for "cpu" or "cuda". Raises OptionError when there is no such device."""
-    if name not in ("cpu", "cuda"):
-        raise OptionError(f"device is {name!r}; there are cpu, cuda")
-    if name == "cuda" and not torch.cuda.is_available():
-        raise OptionError("device is 'cuda', but torch sees no CUDA device; use cpu")
-    return torch.device(name)
+@dataclass(frozen=True)
+class Training:
+    """How one network is fitted. batch: points per step. loss: of its targets and the number of points per step.
+    optimiser: what steps a network."""
+
+    width: int
+    hidden_layers: int
+    omega: int
+    steps: int
+    learning_rate: float
+    batch: int
+    loss: Callable[[HeightTargets, int], Loss]
+    optimiser: Callable[[Networks], Step]
 
 
 @contextmanager
@@ -47,16 +53,15 @@ def one_torch_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def fit_all(
+def fit_each(
     targets: list[HeightTargets],
-    settings: list[Settings],
+    trainings: list[Training],
     seed: int,
-    device: torch.device,
-    team: Team,
+    pool: ThreadPool,
     on_steps: OnSteps,
     deadline: Deadline,
 ) -> list[Networks]:
-    """Fit every DHF alone, with settings of its own, side by side; for fewer steps when the deadline comes first.
+    """Fit every field alone, side by side; for fewer steps when the deadline comes first.
 
     Each fit runs in one thread, so that the result does not depend on their number. Raises EncodeError when a fit
     diverges.
@@ -69,50 +74,45 @@ def fit_all(
         def report(step: int, loss: float) -> None:
             with lock:
                 done[i], losses[i] = step, loss
-                on_steps(sum(done), sum(s.steps for s in settings), float(np.nanmean(losses)))
+                on_steps(sum(done), sum(t.steps for t in trainings), float(np.nanmean(losses)))
 
         try:
-            return _fit(targets[i], settings[i], seed + i, device, stop, report, deadline)
+            return fit_single(targets[i], trainings[i], seed + i, stop, report, deadline)
         except BaseException:
             # Interrupted or failed: the other fits must not run on.
             stop.set()
             raise
 
-    # A GPU is not shared.
-    return (team if device.type == "cpu" else Team(1)).map(one, range(len(targets)))
+    return pool.map(one, range(len(targets)))
 
 
-def _fit(
+def fit_single(
     targets: HeightTargets,
-    settings: Settings,
+    training: Training,
     seed: int,
-    device: torch.device,
     stop: Event,
     report: Callable[[int, float], None],
     deadline: Deadline,
 ) -> Networks:
-    width = settings.width
-    assert width is not None, "a size has been turned into a width before the fit"
     generator = torch.Generator().manual_seed(seed)
-    network = initialise(width, settings.hidden_layers, settings.omega, generator)
-    theta = network.theta.to(device).requires_grad_()
+    network = initialise(training.width, training.hidden_layers, training.omega, generator)
+    theta = network.theta.requires_grad_()
     network = replace(network, theta=theta)
-    loss_of = (_TileLoss if settings.laplacian else _PointLoss)(targets, settings, device, settings.batch)
-    step_by = _adam(theta) if settings.optimiser == "adam" else Soap(network).step
-    for step in range(1, settings.steps + 1):
-        done = max((step - 1) / settings.steps, deadline.passed())
+    loss_of, step_by = training.loss(targets, training.batch), training.optimiser(network)
+    for step in range(1, training.steps + 1):
+        done = max((step - 1) / training.steps, deadline.passed())
         if stop.is_set() or done >= 1:
             break
         loss = loss_of(network, generator)
         (gradient,) = torch.autograd.grad(loss, theta)
         with torch.no_grad():
-            step_by(gradient, settings.learning_rate * cosine_schedule(step / WARM_UP, done))
-        if step % REPORT_EVERY == 0 or step == settings.steps:
+            step_by(gradient, training.learning_rate * cosine_schedule(step / WARM_UP_STEPS, done))
+        if step % REPORT_EVERY == 0 or step == training.steps:
             value = loss.item()
             if not math.isfinite(value):
                 raise EncodeError(f"the fit diverged at step {step}; try another --seed")
             report(step, value)
-    return replace(network, theta=theta.detach().cpu())
+    return replace(network, theta=theta.detach())
 
 
 def cosine_schedule(warm: float, done: float) -> float:
@@ -121,25 +121,17 @@ def cosine_schedule(warm: float, done: float) -> float:
     return min(1.0, warm) * 0.5 * (1 + math.cos(math.pi * done))
 
 
-def _adam(theta: torch.Tensor) -> Callable[[torch.Tensor, float], None]:
-    optimiser = torch.optim.Adam([theta])
-
-    def step(gradient: torch.Tensor, rate: float) -> None:
-        optimiser.param_groups[0]["lr"] = rate
-        theta.grad = gradient
-        optimiser.step()
-
-    return step
+def soap(network: Networks) -> Step:
+    return Soap(network).step
 
 
-class _Images:
-    """A DHF's targets as tensors on a device, pixels flattened."""
+class Images:
+    """A field's targets as tensors, pixels flattened."""
 
-    def __init__(self, t: HeightTargets, device: torch.device) -> None:
+    def __init__(self, t: HeightTargets) -> None:
         def put(array: np.ndarray, dtype: torch.dtype = torch.float32) -> torch.Tensor:
-            return torch.from_numpy(np.ascontiguousarray(array)).to(device, dtype)
+            return torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
 
-        self.device = device
         self.shape = t.hit.shape
         self.uv = put(t.uv.reshape(-1, 2))
         self.heights = put(np.stack([t.near.ravel(), t.far.ravel()], axis=1))
@@ -147,58 +139,30 @@ class _Images:
         self.hit = put(t.hit.ravel())
         self.inside = put(np.flatnonzero(t.hit), torch.int64)
         self.outside = put(np.flatnonzero(~t.hit), torch.int64)
-        self.laplacians = put(np.stack([t.laplacian_near.ravel(), t.laplacian_far.ravel()], axis=1))
-        self.laplacian_known = put(t.laplacian_known.ravel())
-
-    def draw(self, n: int, count: int, generator: torch.Generator) -> torch.Tensor:
-        """`count` integers below n, drawn on the CPU so that every device sees the same batches."""
-        return torch.randint(n, (count,), generator=generator).to(self.device)
 
 
-class _PointLoss:
+def draw(n: int, count: int, generator: torch.Generator) -> torch.Tensor:
+    """`count` integers below n."""
+    return torch.randint(n, (count,), generator=generator)
+
+
+class PointLoss:
     """L1 on the known heights of points inside the silhouette; a hinge at points outside it."""
 
-    def __init__(self, t: HeightTargets, settings: Settings, device: torch.device, batch: int) -> None:
-        self.images = _Images(t, device)
-        self.settings = settings
-        outside = len(self.images.outside)
-        self.n_outside = round(batch * (1 - INSIDE)) if outside else 0
-        self.n_inside = batch - self.n_outside
+    def __init__(self, t: HeightTargets, batch: int, margin: float) -> None:
+        """margin: outside the silhouette the far height shall be this much below the near one."""
+        self._images, self._margin = Images(t), margin
+        self._n_outside = round(batch * (1 - SILHOUETTE_SHARE)) if len(self._images.outside) else 0
+        self._n_inside = batch - self._n_outside
 
     def __call__(self, network: Networks, generator: torch.Generator) -> torch.Tensor:
-        im, n = self.images, self.n_inside
-        inside = im.inside[im.draw(len(im.inside), n, generator)]
+        im, n = self._images, self._n_inside
+        inside = im.inside[draw(len(im.inside), n, generator)]
         at = inside
-        if self.n_outside:
-            at = torch.cat([inside, im.outside[im.draw(len(im.outside), self.n_outside, generator)]])
+        if self._n_outside:
+            at = torch.cat([inside, im.outside[draw(len(im.outside), self._n_outside, generator)]])
         y = heights(network, 0, im.uv[at])
         loss = ((y[:n] - im.heights[inside]).abs() * im.known[inside]).sum() / n
-        if self.n_outside:
-            loss = loss + torch.relu(y[n:, 1] - y[n:, 0] + self.settings.margin).mean()
+        if self._n_outside:
+            loss = loss + torch.relu(y[n:, 1] - y[n:, 0] + self._margin).mean()
         return loss
-
-
-class _TileLoss:
-    """The paper's loss: L1, hinge, and L1 between the Laplacians of the height images, on random tiles."""
-
-    def __init__(self, t: HeightTargets, settings: Settings, device: torch.device, batch: int) -> None:
-        self.images = _Images(t, device)
-        self.settings = settings
-        self.tiles = max(1, batch // TILE**2)
-        nu, nv = self.images.shape
-        self.side = min(TILE, nu, nv)
-        span = torch.arange(self.side)
-        self.offsets = (span[:, None] * nv + span).to(device)
-
-    def __call__(self, network: Networks, generator: torch.Generator) -> torch.Tensor:
-        im, (nu, nv) = self.images, self.images.shape
-        u = im.draw(nu - self.side + 1, self.tiles, generator)
-        v = im.draw(nv - self.side + 1, self.tiles, generator)
-        at = (u * nv + v)[:, None, None] + self.offsets
-        y = forward(network, 0, im.uv[at])
-        error = ((y - im.heights[at]).abs() * im.known[at]).sum(dim=-1)
-        hinge = torch.relu(y[..., 1] - y[..., 0] + self.settings.margin) * (1 - im.hit[at])
-        middle = at[:, 1:-1, 1:-1]
-        laplacian = y[:, 2:, 1:-1] + y[:, :-2, 1:-1] + y[:, 1:-1, 2:] + y[:, 1:-1, :-2] - 4 * y[:, 1:-1, 1:-1]
-        smooth = (laplacian - im.laplacians[middle]).abs().sum(dim=-1) * im.laplacian_known[middle]
-        return error.mean() + hinge.mean() + self.settings.laplacian * smooth.mean()

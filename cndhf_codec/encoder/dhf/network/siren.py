@@ -58,14 +58,21 @@ class Networks:
 
     def weights(self) -> F64:
         """(K, P) copy of theta in float64."""
-        return self.theta.detach().cpu().numpy().astype(np.float64)
+        return self.theta.detach().numpy().astype(np.float64)
 
     def copy(self) -> Networks:
         return replace(self, theta=self.theta.detach().clone())
 
-    def for_kernel(self, k: int) -> tuple[int, int, np.float32]:
-        """Width, sine layers and omega of network k, as the functions of `kernel` take them."""
-        return self.widths[k], self.hidden_layers + 1, np.float32(self.omegas[k])
+    def net(self, k: int) -> kernel.Net:
+        """Network k as the functions of `kernel` take it; its weights are a view."""
+        return kernel.Net(
+            self.row(k).detach().numpy(), self.widths[k], self.hidden_layers + 1, np.float32(self.omegas[k])
+        )
+
+    def kernel_shapes(self) -> kernel.Shapes:
+        return kernel.Shapes(
+            np.array(self.widths), np.array(self.counts), self.hidden_layers + 1, np.array(self.omegas, np.float32)
+        )
 
 
 def stacked(networks: Sequence[Networks]) -> Networks:
@@ -92,10 +99,8 @@ def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Ge
 
 
 def heights(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
-    """(N, 2) -> (N, 2): near and far height of network k, differentiable in theta. Compiled on the CPU."""
-    if uv.device.type == "cpu":
-        return _Heights.apply(uv.contiguous(), networks.row(k), *networks.for_kernel(k))
-    return forward(networks, k, uv)
+    """(N, 2) -> (N, 2): near and far height of network k, compiled; differentiable in theta."""
+    return _Heights.apply(uv.contiguous(), networks.row(k), networks.net(k))
 
 
 def forward(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
@@ -108,15 +113,14 @@ def forward(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
 
 class _Heights(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, uv: torch.Tensor, theta: torch.Tensor, width: int, layers: int, omega: np.float32) -> Any:
+    def forward(ctx: Any, uv: torch.Tensor, theta: torch.Tensor, net: kernel.Net) -> Any:
         ctx.save_for_backward(uv, theta)
-        ctx.shape = (width, layers, omega)
-        return torch.from_numpy(kernel.heights(theta.detach().numpy(), width, layers, omega, uv.numpy()))
+        ctx.net = net
+        return torch.from_numpy(kernel.heights(net, uv.numpy()))
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         uv, theta = ctx.saved_tensors
-        g = np.ascontiguousarray(gradient.numpy())
-        width, layers, omega = ctx.shape
-        out = kernel.heights_gradient(theta.detach().numpy(), width, layers, omega, uv.numpy(), g)
-        return None, torch.from_numpy(out), None, None, None
+        net = ctx.net._replace(theta=theta.detach().numpy())
+        out = kernel.heights_gradient(net, uv.numpy(), np.ascontiguousarray(gradient.numpy()))
+        return None, torch.from_numpy(out), None

@@ -6,6 +6,8 @@ these, calls of a library's functions would cost more than the networks' own for
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 
@@ -14,16 +16,33 @@ from .kernel import compiled, inlined
 from .siren import Networks
 from .vectors import LANES, add_outer, set_product
 
-# Steps that both moments and the preconditioner remember, about. In networks wider than WIDE they are out of date
+# Steps that moments and preconditioners remember, about. In networks wider than FULL_MEMORY_WIDTH they are out of date
 # sooner: by the fourth power of the width.
-MEMORY, LEAST_MEMORY, WIDE = 20.0, 4.0, 24
+MEMORY, LEAST_MEMORY, FULL_MEMORY_WIDTH = 20.0, 4.0, 24
 EPSILON = np.float32(1e-8)
 SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest entry
 FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
-REFRESH = 10  # steps between refreshes of the eigenbasis
+EIGENBASIS_EVERY = 10  # steps between refreshes of the eigenbasis
 
-Places = I64  # (K, M, 3): where each matrix starts in a row of theta, its rows and its columns
-State = tuple[Places, F32, F32, F32, F32, F32]  # places, fade, grams, bases, first and second moments
+# Phases of `soap_update`: the gradient into the eigenbasis and the update out of it; where the eigenbasis is refreshed,
+# the first moment out of the old one and into the new one.
+GRADIENT_IN, UPDATE_OUT, MOMENT_OUT, MOMENT_IN = range(4)
+
+
+class State(NamedTuple):
+    """What SOAP knows of K networks of M matrices each.
+
+    places: (K, M, 3) where each matrix starts in a row of theta, its rows and its columns. decay: (K,) share of the
+    preconditioners and moments that a step replaces. preconditioners, eigenbases: (K, M, 2, S, S) for the rows and for
+    the columns of each matrix, with zeros beyond its size. first, second: (K, P) moments, in the eigenbasis.
+    """
+
+    places: I64
+    decay: F32
+    preconditioners: F32
+    eigenbases: F32
+    first: F32
+    second: F32
 
 
 class Soap:
@@ -34,39 +53,38 @@ class Soap:
         self._taken = 0
         places = np.array([_places(networks, k) for k in range(len(networks))])
         widths = np.array(networks.widths)
-        memory = np.maximum(MEMORY * np.minimum(1.0, (WIDE / widths) ** 4), LEAST_MEMORY)
-        fade = (1 / memory).astype(np.float32)  # (K,)
+        memory = np.maximum(MEMORY * np.minimum(1.0, (FULL_MEMORY_WIDTH / widths) ** 4), LEAST_MEMORY)
+        decay = (1 / memory).astype(np.float32)
         first, second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
-        # Of each matrix, for its rows and for its columns; with zeros beyond its size, up to whole vectors.
+        # Whole vectors.
         side = max(networks.widths) + -max(networks.widths) % LANES
-        grams, bases = (np.zeros((*places.shape[:2], 2, side, side), np.float32) for _ in range(2))
-        self.state: State = places, fade, grams, bases, first, second
+        preconditioners, eigenbases = (np.zeros((*places.shape[:2], 2, side, side), np.float32) for _ in range(2))
+        self.state = State(places, decay, preconditioners, eigenbases, first, second)
 
-    def step(self, gradient: torch.Tensor, rate: float | F64) -> None:
-        """One step along `gradient`, (K, P), at one learning rate or, (K,), at each network's own. The first call only
-        sets up the eigenbasis."""
-        g = gradient.detach().cpu().numpy()
+    def start(self, gradient: torch.Tensor) -> None:
+        """Set up the eigenbases from the first gradient, (K, P); the weights stay as they are."""
+        _first_eigenbases(gradient.detach().numpy(), self.state)
+
+    def step(self, gradient: torch.Tensor, rate: float) -> None:
+        """One step along `gradient`, (K, P). The first call only sets up the eigenbases."""
         if not self.started:
-            places, fade, grams, bases, _, _ = self.state
-            _first_bases(g, places, fade, grams, bases)
+            self.start(gradient)
             return
-        (scale,), (refresh,) = self.plan(np.broadcast_to(rate, (1, len(g))))
-        theta = self._theta.cpu().numpy()
-        _move(theta, g.copy(), self.state, scale, refresh)
-        self._theta.copy_(torch.from_numpy(theta))
+        (scale,), (refresh,) = self.plan(np.full((1, len(gradient)), rate))
+        _update_all(self._theta.numpy(), gradient.detach().numpy().copy(), self.state, scale, refresh)
 
     @property
     def started(self) -> bool:
         """Whether the eigenbases are set up."""
-        return bool(self.state[3].any())
+        return bool(self.state.eigenbases.any())
 
     def plan(self, rates: F64) -> tuple[F32, Mask]:
-        """Count some steps as taken, at the learning rates (S, K). Returns the scale (S, K) that `move_matrix` takes
+        """Count some steps as taken, at the learning rates (S, K). Returns the scale (S, K) that `soap_update` takes
         for each of them, and (S,) whether it refreshes the eigenbases."""
         numbers = self._taken + 1 + np.arange(len(rates))
         self._taken += len(rates)
-        correction = 1 - (1 - self.state[1].astype(np.float64)) ** numbers[:, None]
-        return (rates / correction**0.5).astype(np.float32), numbers % REFRESH == 0
+        correction = 1 - (1 - self.state.decay.astype(np.float64)) ** numbers[:, None]
+        return (rates / correction**0.5).astype(np.float32), numbers % EIGENBASIS_EVERY == 0
 
 
 def _places(networks: Networks, k: int) -> list[tuple[int, ...]]:
@@ -105,38 +123,38 @@ def _flip(matrix: F32, out: F32) -> None:
 
 
 @inlined
-def _add_to_grams(g: F32, rows: int, columns: int, fade: np.float32, left: F32, right: F32) -> None:
-    """Move the grams a little towards those of g, (rows, columns) with zeros beyond: g g^T and g^T g."""
+def _update_preconditioners(g: F32, rows: int, columns: int, decay: np.float32, left: F32, right: F32) -> None:
+    """Move the preconditioners a little towards g g^T and g^T g; g is (rows, columns) with zeros beyond."""
     flipped, part = np.empty_like(g), np.empty_like(g)
     _flip(g, flipped)
     for side in range(2):
-        gram, of, n = (left, g, rows) if side == 0 else (right, flipped, columns)
+        preconditioner, of, n = (left, g, rows) if side == 0 else (right, flipped, columns)
         for i in range(n):
             for j in range(n):
-                gram[i, j] *= np.float32(1) - fade
+                preconditioner[i, j] *= np.float32(1) - decay
             for j in range(g.shape[1]):
-                part[i, j] = fade * of[i, j]
-        add_outer(part, of, gram[:n, :n], g.shape[1])
+                part[i, j] = decay * of[i, j]
+        add_outer(part, of, preconditioner[:n, :n], g.shape[1])
 
 
 @inlined
-def _iterate(gram: F32, basis: F32) -> None:
-    """One step of orthogonal iteration: the basis becomes an orthonormal one of (gram + shift) basis.
+def _iterate(matrix: F32, basis: F32) -> None:
+    """One step of orthogonal iteration: the basis becomes an orthonormal one of (matrix + shift) basis.
 
-    Gram and Schmidt's method, twice over, in float64: LAPACK's solvers give NaN for some matrices of few numbers that
-    are not zero.
+    Gram-Schmidt, twice over, in float64: LAPACK's solvers give NaN for some matrices with few numbers that are not
+    zero.
     """
-    n = len(gram)
+    n = len(matrix)
     largest = 1e-30
     for i in range(n):
         for j in range(n):
-            largest = max(largest, abs(gram[i, j]))
+            largest = max(largest, abs(matrix[i, j]))
     vectors = np.zeros((n, n))  # one a row
     for c in range(n):
         for j in range(n):
             b = basis[j, c] / largest
             for i in range(n):
-                vectors[c, i] += gram[j, i] * b
+                vectors[c, i] += matrix[j, i] * b
         for i in range(n):
             vectors[c, i] += SHIFT * basis[i, c]
     for c in range(n):
@@ -158,31 +176,32 @@ def _iterate(gram: F32, basis: F32) -> None:
 
 
 @compiled
-def _first_bases(gradient: F32, places: Places, fade: F32, grams: F32, bases: F32) -> None:
-    g = np.empty(grams.shape[-2:], np.float32)
+def _first_eigenbases(gradient: F32, state: State) -> None:
+    decay, preconditioners, eigenbases = state.decay, state.preconditioners, state.eigenbases
+    g = np.empty(preconditioners.shape[-2:], np.float32)
     for k in range(len(gradient)):
-        for m in range(places.shape[1]):
-            at, rows, columns = places[k, m]
+        for m in range(state.places.shape[1]):
+            at, rows, columns = state.places[k, m]
             _load(gradient[k], at, rows, columns, g)
-            _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
+            _update_preconditioners(g, rows, columns, decay[k], preconditioners[k, m, 0], preconditioners[k, m, 1])
             for side in range(2):
                 n = rows if side == 0 else columns
-                basis = bases[k, m, side, :n, :n]
+                basis = eigenbases[k, m, side, :n, :n]
                 for i in range(n):
                     basis[i, i] = 1
                 for _ in range(FIRST_ITERATIONS):
-                    _iterate(grams[k, m, side, :n, :n], basis)
+                    _iterate(preconditioners[k, m, side, :n, :n], basis)
 
 
 @inlined
-def _refresh(grams: F32, bases: F32, squares: F32, half: F32, whole: F32) -> None:
-    """Bring both eigenbases of a matrix nearer to their grams'; its second moments go along. Overwrites half and
-    whole."""
+def _refresh(preconditioners: F32, eigenbases: F32, squares: F32, half: F32, whole: F32) -> None:
+    """Bring both eigenbases of a matrix nearer to those of its preconditioners; its second moments go along. Overwrites
+    half and whole."""
     for side in range(2):
         n = squares.shape[side]
-        gram, basis = grams[side, :n, :n], bases[side, :n, :n]
+        preconditioner, basis = preconditioners[side, :n, :n], eigenbases[side, :n, :n]
         # Largest eigenvalue first, or the iteration would not converge.
-        _product(gram, bases[side], half, n)
+        _product(preconditioner, eigenbases[side], half, n)
         values, order = np.zeros(n, np.float32), np.arange(n)
         for c in range(n):
             for i in range(n):
@@ -201,37 +220,32 @@ def _refresh(grams: F32, bases: F32, squares: F32, half: F32, whole: F32) -> Non
             for i in range(ordered.shape[0]):
                 for j in range(ordered.shape[1]):
                     ordered[i, j] = whole[i, j]
-        _iterate(gram, basis)
+        _iterate(preconditioner, basis)
 
 
 @inlined
-def move_matrix(
-    theta: F32,
-    gradient: F32,
-    held: Mask,
-    k: int,
-    m: int,
-    state: State,
-    scale: np.float32,
-    refresh: bool,
+def soap_update(
+    theta: F32, gradient: F32, held: Mask, k: int, m: int, state: State, scale: np.float32, refresh: bool
 ) -> None:
     """Step matrix m of network k and the biases after it in theta, (K, P), but for what is held; overwrites their
-    gradient. Brings the moments, in the eigenbasis, and the grams up to date, and then the bases where they are to be
-    refreshed."""
-    places, fade, grams, bases, first, second = state
-    work = np.empty((4, *grams.shape[-2:]), np.float32)
+    gradient. Brings the moments, in the eigenbasis, and the preconditioners up to date, and then the eigenbases where
+    they are to be refreshed."""
+    decay, first, second = state.decay[k], state.first, state.second
+    preconditioners, eigenbases = state.preconditioners[k, m], state.eigenbases[k, m]
+    work = np.empty((4, *preconditioners.shape[-2:]), np.float32)
     g, half, whole, other = work[0], work[1], work[2], work[3]
-    at, rows, columns = places[k, m]
-    left, right, row = bases[k, m, 0], bases[k, m, 1], gradient[k]
-    # The gradient into the eigenbasis, the move out of it; the first moment out of it and into the new one. A loop, for
-    # what is inlined twice takes twice as long to compile.
-    for turn in range(4 if refresh else 2):
-        source, into = row if turn < 2 else first[k], turn % 3 == 0
+    at, rows, columns = state.places[k, m]
+    left, right, row = eigenbases[0], eigenbases[1], gradient[k]
+    # A loop over phases: what is inlined twice takes twice as long to compile.
+    for phase in range(MOMENT_IN + 1 if refresh else UPDATE_OUT + 1):
+        source = row if phase <= UPDATE_OUT else first[k]
         _load(source, at, rows, columns, g)
-        if turn == 0:
-            _add_to_grams(g, rows, columns, fade[k], grams[k, m, 0], grams[k, m, 1])
-        if turn == 3:
-            _refresh(grams[k, m], bases[k, m], second[k, at : at + rows * columns].reshape(rows, columns), half, whole)
+        if phase == GRADIENT_IN:
+            _update_preconditioners(g, rows, columns, decay, preconditioners[0], preconditioners[1])
+        if phase == MOMENT_IN:
+            squares = second[k, at : at + rows * columns].reshape(rows, columns)
+            _refresh(preconditioners, eigenbases, squares, half, whole)
+        into = phase in (GRADIENT_IN, MOMENT_IN)
         if into:
             _load(right.ravel(), 0, right.shape[0], right.shape[1], other)
         else:
@@ -239,21 +253,21 @@ def move_matrix(
         _product(left[:rows, :rows].T if into else left[:rows, :rows], g, half, columns)
         _product(half[:rows, :columns], other, whole, columns)
         _store(whole, source, at, rows, columns)
-        if turn == 0:
+        if phase == GRADIENT_IN:
             for i in range(at, at + rows * (columns + 1)):
-                first[k, i] += fade[k] * (row[i] - first[k, i])
-                second[k, i] += fade[k] * (row[i] * row[i] - second[k, i])
+                first[k, i] += decay * (row[i] - first[k, i])
+                second[k, i] += decay * (row[i] * row[i] - second[k, i])
                 row[i] = scale * first[k, i] / (np.sqrt(second[k, i]) + EPSILON)
-        if turn == 1:
+        if phase == UPDATE_OUT:
             for i in range(at, at + rows * (columns + 1)):
                 if not held[k, i]:
                     theta[k, i] -= row[i]
 
 
 @compiled
-def _move(theta: F32, gradient: F32, state: State, scale: F32, refresh: bool) -> None:
+def _update_all(theta: F32, gradient: F32, state: State, scale: F32, refresh: bool) -> None:
     """Step all weights of theta, (K, P); overwrites the gradient."""
     held = np.zeros(theta.shape, np.bool_)
     for k in range(len(theta)):
-        for m in range(state[0].shape[1]):
-            move_matrix(theta, gradient, held, k, m, state, scale[k], refresh)
+        for m in range(state.places.shape[1]):
+            soap_update(theta, gradient, held, k, m, state, scale[k], refresh)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -17,8 +17,8 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from ....arrays import F32, F64, I64, Mask
-from .kernel import InSpace, OnSurface, Shape, compiled, composite_gradient, inlined
-from .soap import State, move_matrix
+from .kernel import Batch, Loss, compiled, inlined, joint_gradient
+from .soap import State, soap_update
 
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 APART = 16  # places between two threads' counters: not in one line of a cache
@@ -27,6 +27,33 @@ GIVE_WAY = "SwitchToThread" if sys.platform == "win32" else "sched_yield"  # the
 PATIENCE = 500  # times that a thread looks at another's counter before it lets other programs have the processor
 
 Counters = I64  # of the meetings that each thread has come to
+
+
+class Batches(NamedTuple):
+    """Rows of the samples of S steps. surface: (S, B), space: (S, C). surface_scale, space_scale: what each counts."""
+
+    surface: I64
+    space: I64
+    surface_scale: np.float32
+    space_scale: np.float32
+
+
+class Plan(NamedTuple):
+    """How weights are to change in S steps. scales: (S, K) and refreshes: (S,), as `Soap.plan` gives them. held: (K, P)
+    weights that stay as they are."""
+
+    scales: F32
+    refreshes: Mask
+    held: Mask
+
+
+class Output(NamedTuple):
+    """What steps write. gradients: (SHARDS, K, P). losses: (S, SHARDS), the loss of a step is the sum of its row.
+    pulled: (K,) set for each network with a gradient."""
+
+    gradients: F32
+    losses: F64
+    pulled: Mask
 
 
 @contextmanager
@@ -90,64 +117,33 @@ def _meet(counters: Counters, me: int, threads: int, meeting: int) -> None:
 
 @compiled
 def take_steps(
-    me: int,
-    threads: int,
-    counters: Counters,
-    theta: F32,
-    shape: Shape,
-    boxes: F32,
-    surface: OnSurface,
-    space: InSpace,
-    on: I64,
-    off: I64,
-    on_scale: np.float32,
-    off_scale: np.float32,
-    optimiser: State,
-    scales: F32,
-    refreshes: Mask,
-    held: Mask,
-    gradients: F32,
-    losses: F64,
-    pulled: Mask,
+    me: int, counters: Counters, theta: F32, loss: Loss, batches: Batches, optimiser: State, plan: Plan, out: Output
 ) -> None:
-    """What thread `me` of `threads` does of some steps. All of them are called at once, with the same arrays.
+    """What thread `me` does of some steps. All threads call this at once, with the same arrays.
 
-    counters: (threads * APART,) zeros. shape to space, on_scale, off_scale: as
-    `kernel.composite_gradient` takes them. on, off: (S, B), (S, C), the samples of each of S steps. optimiser: of
-    `Soap`; scales, (S, K), and refreshes, (S,): what it plans. With no rows of these weights stay as they are, and so
-    do those that are held, (K, P).
-
-    Overwrites gradients, (SHARDS, K, P), and losses, (S, SHARDS): the loss of a step is the sum of its row, and where
-    weights stay as they are gradients[0] ends as the gradient. Sets pulled, (K,), for each network with a gradient.
+    counters: (threads * APART,) zeros. Where the plan has no rates, the weights stay as they are, and out.gradients[0]
+    ends as the gradient.
     """
-    places = optimiser[0]
-    K, M = places.shape[:2]
-    n_on, n_off = on.shape[1], off.shape[1]
-    for s in range(len(on)):
+    threads = len(counters) // APART
+    K, M = optimiser.places.shape[:2]
+    n_surface, n_space = batches.surface.shape[1], batches.space.shape[1]
+    for s in range(len(batches.surface)):
         for shard in range(me, SHARDS, threads):
-            losses[s, shard] = composite_gradient(
-                theta,
-                shape,
-                boxes,
-                surface,
-                space,
-                on[s, n_on * shard // SHARDS : n_on * (shard + 1) // SHARDS],
-                off[s, n_off * shard // SHARDS : n_off * (shard + 1) // SHARDS],
-                on_scale,
-                off_scale,
-                gradients[shard],
-            )
+            surface = batches.surface[s, n_surface * shard // SHARDS : n_surface * (shard + 1) // SHARDS]
+            space = batches.space[s, n_space * shard // SHARDS : n_space * (shard + 1) // SHARDS]
+            batch = Batch(surface, space, batches.surface_scale, batches.space_scale)
+            out.losses[s, shard] = joint_gradient(theta, loss, batch, out.gradients[shard])
         _meet(counters, me, threads, 2 * s + 1)
         for task in range(me, K * M, threads):
             k, m = task // M, task % M
-            at, rows, columns = places[k, m]
+            at, rows, columns = optimiser.places[k, m]
             for i in range(at, at + rows * (columns + 1)):
-                total = gradients[0, k, i]
+                total = out.gradients[0, k, i]
                 for shard in range(1, SHARDS):
-                    total += gradients[shard, k, i]
+                    total += out.gradients[shard, k, i]
                 if total != 0:  # threads only ever set it
-                    pulled[k] = True
-                gradients[0, k, i] = 0 if held[k, i] else total
-            if len(scales):
-                move_matrix(theta, gradients[0], held, k, m, optimiser, scales[s, k], refreshes[s])
+                    out.pulled[k] = True
+                out.gradients[0, k, i] = 0 if plan.held[k, i] else total
+            if len(plan.scales):
+                soap_update(theta, out.gradients[0], plan.held, k, m, optimiser, plan.scales[s, k], plan.refreshes[s])
         _meet(counters, me, threads, 2 * s + 2)

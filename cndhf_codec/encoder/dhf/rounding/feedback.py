@@ -1,6 +1,6 @@
-"""Rounding the weights of a fitted model with error feedback, against the composite loss.
+"""Rounding the weights of a fitted model with error feedback, against the joint loss.
 
-H, the Gauss-Newton matrix of the composite loss, says what a change of the weights costs. Weights are rounded one after
+H, the Gauss-Newton matrix of the joint loss, says what a change of the weights costs. Weights are rounded one after
 the other, and the error of each is compensated by those still to be rounded, as in GPTQ (Frantar et al., 2022); Babai's
 nearest plane is the same rule.
 """
@@ -8,6 +8,7 @@ nearest plane is the same rule.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,27 +18,37 @@ from ....arrays import F64, I64, Mask
 from ....format.constants import MAX_SYMBOL, STEP_CODE_MASK, STEPS_PER_OCTAVE
 from ...deadline import Deadline
 from ...progress import OnStep
-from ...settings import Settings
-from ...thread_pool import Team
-from ..fit.joint import tune
-from ..fit.loss import Composite
+from ...thread_pool import ThreadPool
+from ..fit.joint import Schedule, joint_fit
+from ..fit.loss import JointLoss
 from ..network.siren import Networks
-from .gauss_newton import blocks
+from ..settings import DhfSettings
+from .gauss_newton import gauss_newton_blocks
 
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
-FIRST_ROUND = 0.5  # share of the free weights that each round but the last fixes
-TOGETHER = 9000  # most weights of a network whose errors feed each other: their matrix must fit in memory
+ROUND_SHARE = 0.5  # of the free weights is fixed by each round but the last
+MOST_TOGETHER = 9000  # weights of a network whose errors feed each other: their matrix must fit in memory
 GROWTH = 2.0  # room for what feedback and training add to the largest weight of a tensor
-COARSEST = 2.5  # octaves: at most so much coarser than those of another network are a network's steps
+COARSEST_OCTAVES = 2.5  # at most so much coarser than those of another network are a network's steps
 GAUSSIAN_BITS = 2.05  # entropy of a rounded Gaussian of standard deviation 1: 0.5 log2(2 pi e)
 
 Codes = I64  # (K, tensors) step codes
 
 
-def sensitivities(networks: Networks, composite: Composite, seed: int, team: Team) -> list[list[F64]]:
-    """The Gauss-Newton matrices of all weights, as `round_networks` takes them: for every part of the weights that is
-    rounded together, the matrix of each network."""
-    return [blocks(networks, composite, seed, team, part) for part in _parts(networks)]
+@dataclass(frozen=True, eq=False)
+class Rounding:
+    """How networks are rounded. codes: step codes. matrices: what `gauss_newton_matrices` gives for the networks as
+    they come."""
+
+    settings: DhfSettings
+    codes: Codes
+    matrices: list[list[F64]]
+    seed: int
+
+
+def gauss_newton_matrices(networks: Networks, loss: JointLoss, seed: int, threads: ThreadPool) -> list[list[F64]]:
+    """For every part of the weights that is rounded together, the Gauss-Newton matrix of each network."""
+    return [gauss_newton_blocks(networks, loss, seed, threads, part) for part in _parts(networks)]
 
 
 def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
@@ -45,7 +56,7 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
 
     Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
     weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
-    its U_ii. No network's steps are more than COARSEST coarser, on average, than those of the finest.
+    its U_ii. No network's steps are more than COARSEST_OCTAVES coarser, on average, than those of the finest.
     """
     logs = [
         np.concatenate([-np.log2(np.diag(_inverse_factor(part[k]))) for part in matrices if len(part[k])])
@@ -53,12 +64,12 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
     ]
     levels = np.array([of_network.mean() for of_network in logs])
     # What hardly matters now would matter if it were rounded to something else altogether.
-    excess = np.maximum(levels - levels.min() - COARSEST, 0)
+    excess = np.maximum(levels - levels.min() - COARSEST_OCTAVES, 0)
     return _by_tensor(np.add, networks, logs) / _sizes(networks) - excess[:, None]
 
 
 def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
-    """Step code of every tensor, for about `bits` bits a weight; `logs` is what `relative_steps` gives."""
+    """Step code of every tensor, for about `bits` bits per weight; `logs` is what `relative_steps` gives."""
     theta, sizes = networks.weights(), _sizes(networks)
     rows = [row[:count] for row, count in zip(theta, networks.counts, strict=True)]
     spread = np.log2(np.maximum(np.sqrt(_by_tensor(np.add, networks, [row**2 for row in rows]) / sizes), 1e-9))
@@ -76,64 +87,49 @@ def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
 
 
 def round_networks(
-    networks: Networks,
-    composite: Composite,
-    settings: Settings,
-    codes: Codes,
-    matrices: list[list[F64]],
-    seed: int,
-    team: Team,
-    on_step: OnStep,
-    deadline: Deadline,
+    networks: Networks, loss: JointLoss, rounding: Rounding, threads: ThreadPool, on_step: OnStep, deadline: Deadline
 ) -> None:
     """Round all weights in place to multiples of their steps, in `settings.rounds` rounds.
 
     Each round fixes the costliest half of what is free (the last one all of it), and the free weights are trained on
-    for `settings.round_steps` steps between rounds. matrices: what `sensitivities` gives for the
-    networks as they come.
+    for `settings.round_steps` steps between rounds.
     """
-    steps = weight_steps(networks, codes)
+    settings, seed = rounding.settings, rounding.seed
+    steps = weight_steps(networks, rounding.codes)
     held = np.zeros(steps.shape, dtype=bool)
     for r in range(settings.rounds):
         last = r == settings.rounds - 1
         theta = networks.weights()
         before = held.copy()
         for p, part in enumerate(_parts(networks)):
-            of_free = matrices[p] if r == 0 else blocks(networks, composite, seed + r, team, ~before & part)
-            for k, H in enumerate(of_free):
+            matrices = rounding.matrices[p]
+            if r > 0:
+                matrices = gauss_newton_blocks(networks, loss, seed + r, threads, ~before & part)
+            for k, H in enumerate(matrices):
                 free = np.flatnonzero(~before[k] & part[k])
                 if not len(free):
                     continue
                 step = steps[k, free]
                 order = np.argsort(-np.diag(H) * step**2, kind="stable")
-                count = len(free) if last else round(len(free) * FIRST_ROUND)
+                count = len(free) if last else round(len(free) * ROUND_SHARE)
                 theta[k, free] = _round_in_order(theta[k, free], H, step, order, count)
                 held[k, free[order[:count]]] = True
         networks.theta.copy_(torch.from_numpy(theta))
         if not last:
             done = r * settings.round_steps
 
-            def report(step: int, loss: float, done: int = done) -> None:
-                on_step(done + step, loss)
+            def report(step: int, cost: float, done: int = done) -> None:
+                on_step(done + step, cost)
 
-            mask = torch.from_numpy(held).to(networks.theta.device)
-            tune(
-                networks,
-                composite,
-                settings.batch,
-                settings.round_steps,
-                settings.round_rate,
-                seed + r,
-                report,
-                deadline.part(1 / (settings.rounds - 1 - r)),
-                mask,
-            )
+            schedule = Schedule(settings.batch, settings.round_steps, settings.round_rate)
+            time_left = deadline.part(1 / (settings.rounds - 1 - r))
+            joint_fit(networks, loss, schedule, seed + r, report, time_left, torch.from_numpy(held))
 
 
 def _parts(networks: Networks) -> Mask:
     """(parts, K, P) masks of the weights that are rounded together: whole tensors, and all of a network's when they are
     few."""
-    counts = [math.ceil(n / TOGETHER) for n in networks.counts]
+    counts = [math.ceil(n / MOST_TOGETHER) for n in networks.counts]
     masks = np.zeros((max(counts), *networks.theta.shape), dtype=bool)
     for k, (sizes, count) in enumerate(zip(_sizes(networks), counts, strict=True)):
         of_tensor = np.minimum((np.cumsum(sizes) - sizes / 2) * count // sizes.sum(), count - 1)
@@ -155,7 +151,7 @@ def _sizes(networks: Networks) -> I64:
 
 
 def _by_tensor(sum_or_most: np.ufunc, networks: Networks, rows: list[F64]) -> F64:
-    """(K, tensors): np.add or np.maximum over the tensors of what there is of every weight, a row a network."""
+    """(K, tensors): np.add or np.maximum over the tensors of what there is of every weight, one row per network."""
     return np.stack([sum_or_most.reduceat(row, networks.starts(k)) for k, row in enumerate(rows)])
 
 

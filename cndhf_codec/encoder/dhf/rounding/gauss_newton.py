@@ -1,4 +1,4 @@
-"""The Gauss-Newton matrix of the composite loss.
+"""The Gauss-Newton matrix of the joint loss.
 
 The loss is a sum of absolute values; iteratively reweighted least squares makes it one of squares: |r| is locally
 r^2 / (2 |r|). The networks share no weight and every sample is answered for by one of them, so the matrix has one
@@ -11,34 +11,34 @@ import numpy as np
 import torch
 
 from ....arrays import F32, F64, Mask
-from ...thread_pool import Team
-from ..fit.loss import Composite
+from ...thread_pool import ThreadPool
+from ..fit.loss import JointLoss
 from ..network import kernel
 from ..network.siren import Networks
 
 HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
-IDLE = 0.03  # weight of a hinge that is kept: what no hinge holds would run away, and come back as a floater
+KEPT_WEIGHT = 0.03  # of a hinge that is kept: what no hinge holds would run away, and come back as a floater
 ROWS = 2048  # of the Jacobian held at once
 COLUMNS = 512  # of the matrix that a thread adds to at a time
-SURFACE, SPACE = 4.0, 2.0  # samples that the matrices are built from, for every weight of all networks
+SURFACE_SAMPLES, SPACE_SAMPLES = 4.0, 2.0  # that the matrices are built from, per weight of all networks
 
 
-def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free: Mask) -> list[F64]:
+def gauss_newton_blocks(networks: Networks, loss: JointLoss, seed: int, threads: ThreadPool, free: Mask) -> list[F64]:
     """The matrix of every network, from a fresh draw of samples: rows and columns are the weights that are `free`, a
     mask (K, P), in file order; that of a network that has none is empty."""
     weights = sum(networks.counts)
     rng = np.random.default_rng(seed)
-    surface, space = composite.draw(round(SURFACE * weights), round(SPACE * weights), rng)
+    surface, space = loss.active.draw(round(SURFACE_SAMPLES * weights), round(SPACE_SAMPLES * weights), rng)
     with torch.no_grad():
-        terms = composite.terms(networks, surface, space)
+        terms = loss.terms(networks, surface, space)
     n = len(surface)
-    argument = terms.argument.abs().cpu().numpy().astype(np.float64)
-    weight = terms.weight.cpu().numpy().astype(np.float64)
+    argument = terms.argument.abs().numpy().astype(np.float64)
+    weight = terms.weight.numpy().astype(np.float64)
     # Near zero the bend of |r| is spread over the median residual.
     weight[:n] /= np.maximum(argument[:n], np.median(argument[:n])) * n
-    kept = terms.argument[n:].cpu().numpy() <= 0
-    weight[n:] *= np.where(kept, IDLE, 1.0) / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
-    dhf, side = terms.dhf.cpu().numpy(), terms.side.cpu().numpy()
+    kept = terms.argument[n:].numpy() <= 0
+    weight[n:] *= np.where(kept, KEPT_WEIGHT, 1.0) / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
+    field, side = terms.field.numpy(), terms.side.numpy()
     out = []
     for k in range(len(networks)):
         columns = np.flatnonzero(free[k])
@@ -46,25 +46,25 @@ def blocks(networks: Networks, composite: Composite, seed: int, team: Team, free
         out.append(H)
         if not len(columns):
             continue
-        rows = np.flatnonzero((dhf == k) & (weight > 0))
-        uv, theta = terms.uv[k].cpu().numpy(), networks.row(k).detach().cpu().numpy()
+        rows = np.flatnonzero((field == k) & (weight > 0))
+        uv = terms.uv[k].numpy()
         for at in range(0, len(rows), ROWS):
             part = rows[at : at + ROWS]
-            jacobian = kernel.jacobian(theta, *networks.for_kernel(k), uv[part], side[part])
+            jacobian = kernel.jacobian(networks.net(k), uv[part], side[part])
             jacobian = jacobian[:, columns]
             jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
-            _add_square(H, jacobian, team)
+            _add_square(H, jacobian, threads)
         _mirror(H)
     return out
 
 
-def _add_square(H: F64, jacobian: F32, team: Team) -> None:
+def _add_square(H: F64, jacobian: F32, threads: ThreadPool) -> None:
     """Add J^T J to the lower triangle of H; every thread has columns of its own."""
 
     def add(at: int) -> None:
         H[at:, at : at + COLUMNS] += jacobian[:, at:].T @ jacobian[:, at : at + COLUMNS]
 
-    team.map(add, range(0, len(H), COLUMNS))
+    threads.map(add, range(0, len(H), COLUMNS))
 
 
 def _mirror(H: F64) -> None:

@@ -1,5 +1,5 @@
-"""Equal functions, fewer bytes: of all the networks that differ only in the order, sign and phase of their neurons, the
-one whose biases cost least.
+"""Symmetries of a network: of all networks that differ only in the order, sign and phase of their neurons, and so are
+the same function, the one whose biases cost the fewest bytes.
 
 A neuron is sin(omega (w x + b)). It becomes its own negative when w and b change their signs, or when pi / omega is
 added to b; the next layer's weights for it then change theirs.

@@ -1,0 +1,55 @@
+"""Clear space: the cells of a grid over all domain boxes that keep away from the solid. What is solid there is a
+floater."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....arrays import F32, Mask
+from ....mesh.solid import Solid
+from ..frames import Frame
+from .samples import CLEARANCE, Sides, excluded_points, in_box
+
+
+class ClearSpace:
+    """Draws points of clear space, and knows the truth about any point."""
+
+    def __init__(self, solid: Solid, frames: list[Frame], sides: Sides, cells: int = 64) -> None:
+        """sides: the samples of space. cells: per side of the grid."""
+        self._solid, self._frames, self._sides = solid, frames, sides
+        lo, hi = frames[0].bounds.T
+        self._cell = (hi - lo) / cells
+        grid = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        corners = lo + grid * self._cell
+        centres = (corners + self._cell / 2) @ frames[0].rotation
+        reach = float(np.linalg.norm(self._cell)) / 2
+        in_boxes = np.ones(len(centres), dtype=bool)
+        for f in frames[1:]:
+            uvz = centres @ f.rotation.T
+            in_boxes &= ((uvz > f.bounds[:, 0] - reach) & (uvz < f.bounds[:, 1] + reach)).all(axis=1)
+        corners, centres = corners[in_boxes], centres[in_boxes]
+        distance = solid.distances(centres)
+        away = distance > reach + CLEARANCE
+        corners, centres, distance = corners[away], centres[away], distance[away]
+        excluded = excluded_points(solid, frames, centres)
+        clear = sides.nearer(centres, excluded, distance) > reach + CLEARANCE
+        self._corners = corners[clear & excluded.any(axis=1)]
+
+    def draw(self, count: int, rng: np.random.Generator) -> F32:
+        """(n, 3) about `count` points, fewer where a cell juts out of a box; normalised frame."""
+        if not len(self._corners):
+            return np.empty((0, 3), dtype=np.float32)
+        cells = rng.integers(len(self._corners), size=count)
+        uvz = self._corners.take(cells, axis=0) + rng.random((count, 3)) * self._cell
+        points = uvz @ self._frames[0].rotation
+        inside = np.ones(count, dtype=bool)
+        for f in self._frames[1:]:
+            inside &= in_box(f, points)
+        return points[inside].astype(np.float32)
+
+    def truth(self, points: F32) -> tuple[Mask, F32]:
+        """Which fields exclude each of some drawn points, (N, K), and its distance from the surface, (N,)."""
+        wide = points.astype(np.float64)
+        excluded = excluded_points(self._solid, self._frames, wide)
+        distance = self._sides.nearer(wide, excluded, self._solid.distances(wide))
+        return excluded, distance.astype(np.float32)

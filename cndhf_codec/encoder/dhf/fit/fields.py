@@ -1,0 +1,75 @@
+"""The fit of a plan: each field alone, then all together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+from ...deadline import Deadline
+from ..job import Job, Plan, with_shares
+from ..network.siren import Networks, stacked
+from ..widths import omega_for
+from .clear_space import ClearSpace
+from .joint import FULL_RATE_WIDTH, IdleNetworkError, Schedule, joint_fit
+from .loss import JointLoss
+from .samples import draw_samples
+from .single import PointLoss, Training, fit_each, soap
+from .targets import height_targets
+
+SINGLE_SHARE = 0.15  # of a time limit goes to the single fits
+
+
+def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks, JointLoss, float]:
+    """Fit the fields of a plan; once more without a field that turns out to be idle, the others being as much wider.
+
+    Returns the plan that was fitted, the networks, the loss with its samples, and the share of rays through holes.
+    """
+    while True:
+        part = deadline.part(1)
+        try:
+            start, unknown = fit_singly(job, plan, part.part(SINGLE_SHARE))
+            return plan, *fit_jointly(job, plan, start, part), unknown
+        except IdleNetworkError as idle:
+            # Rounding would take an idle network for one that may be rounded as coarsely as one likes.
+            frames = [f for k, f in enumerate(plan.frames) if k != idle.number]
+            shares = [s for k, s in enumerate(plan.shares) if k != idle.number]
+            plan = with_shares(replace(plan, frames=frames), shares, job)
+
+
+def fit_singly(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, float]:
+    """Networks that are each fitted alone, and the share of rays through holes."""
+    settings = job.settings
+    trainings = [
+        Training(
+            width=width,
+            hidden_layers=settings.hidden_layers,
+            omega=omega_for(settings, width),
+            steps=settings.steps,
+            learning_rate=settings.learning_rate * min(1.0, FULL_RATE_WIDTH / width),  # wide ones have come out steep
+            batch=settings.batch,
+            loss=partial(PointLoss, margin=settings.margin),
+            optimiser=soap,
+        )
+        for width in plan.widths
+    ]
+    targets = job.threads.map(lambda f: height_targets(job.solid, f, settings.target_resolution), plan.frames)
+    report = job.stage("fit", settings.steps * len(targets))
+
+    def on_steps(done: int, total: int, loss: float) -> None:
+        report(done, loss)
+
+    networks = stacked(fit_each(targets, trainings, job.seed, job.threads, on_steps, deadline))
+    return networks, max(t.unknown for t in targets)
+
+
+def fit_jointly(job: Job, plan: Plan, start: Networks, deadline: Deadline) -> tuple[Networks, JointLoss]:
+    """Networks fitted together from that start, and the loss with its samples. Raises IdleNetworkError when the others
+    do without one of them."""
+    settings, networks = job.settings, start.copy()
+    samples = draw_samples(job.solid, plan.frames, settings.samples, job.seed)
+    clear = ClearSpace(job.solid, plan.frames, samples.sides, settings.clear_cells)
+    loss = JointLoss(samples, clear, plan.frames, job.threads)
+    report = job.stage("joint fit", settings.joint_steps)
+    schedule = Schedule(settings.batch, settings.joint_steps, settings.joint_rate)
+    joint_fit(networks, loss, schedule, job.seed, report, deadline)
+    return networks, loss

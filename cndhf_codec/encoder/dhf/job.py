@@ -1,0 +1,45 @@
+"""What all stages of an encode need to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ...mesh.solid import Solid
+from ..progress import Stage
+from ..thread_pool import ThreadPool
+from .frames import Frame
+from .settings import DhfSettings
+from .widths import widths_for
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """metadata_bytes: size of the metadata section with its row in the section table."""
+
+    solid: Solid
+    settings: DhfSettings
+    metadata_bytes: int
+    seed: int
+    threads: ThreadPool
+    stage: Stage
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Axes (as frames) and widths of their networks; covered and visible are shares of the input's surface.
+
+    shares: of the surface for which each axis is the best of them, or, after a trial, of the loss that its field
+    answers for. error_lower_bound: about the mean error of the exact height fields (normalised units).
+    """
+
+    frames: list[Frame]
+    shares: list[float]
+    widths: list[int]
+    error_lower_bound: float
+    covered: float
+    visible: float
+
+
+def with_shares(plan: Plan, shares: list[float], job: Job) -> Plan:
+    """The plan with other shares, and the widths that follow."""
+    return replace(plan, shares=shares, widths=widths_for(job.settings, shares, job.metadata_bytes))

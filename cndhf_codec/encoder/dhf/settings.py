@@ -1,0 +1,74 @@
+"""Settings of double height fields that are fitted together, and the presets of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps are taken as they are
+MOST_STEPS_FACTOR = 3.0  # more are taken at smaller sizes, at most so many times as many
+MOST_STEPS_SIZE = 16384  # bytes up to which larger sizes get more steps; beyond, a step takes too long
+
+
+@dataclass(frozen=True)
+class DhfSettings:
+    """Everything that decides an encode, apart from the mesh and the seed. Lengths are normalised units."""
+
+    # Axes: the number up to `max_axes` that trial fits find best.
+    max_axes: int = 4
+
+    # Size: bytes of the file, from which the widths follow; or the width of every network.
+    target_size: int | None = 8192
+    width: int | None = None
+    hidden_layers: int = 5  # sine layers after the first
+    omega: int = 30  # of networks that are not wide, see widths.omega_for
+
+    # Single fits.
+    target_resolution: int = 512  # pixels along the longer side of the domain box
+    steps: int = 400
+    learning_rate: float = 3e-3
+    batch: int = 4096  # points per step, of joint fits too
+    margin: float = 0.01  # outside the silhouette the far height shall be this much below the near one
+
+    # Joint fit.
+    samples: int = 400_000  # points on the surface, and as many off it
+    clear_cells: int = 64  # per side of the grid that tells where floaters are looked for
+    trial_steps: int = 600  # of the joint fits that compare sets of axes; 0: no trials
+    joint_steps: int = 40_000  # at REFERENCE_SIZE; see `for_size`
+    joint_rate: float = 1e-3
+
+    # Rounding.
+    bits: float = 6.2  # per weight, when no size is asked for
+    rounds: int = 4
+    round_steps: int = 3500  # of the joint fit between rounds; as joint_steps
+    round_rate: float = 5e-4
+
+    # Resolution at which the written file is measured; None: as it is decoded by default.
+    verify_resolution: int | None = None
+
+    def for_size(self) -> DhfSettings:
+        """With more joint steps at smaller sizes, where they take less time each, and at larger ones, where networks
+        have more to learn; beyond MOST_STEPS_SIZE as many fewer as they take longer."""
+        if self.target_size is None:
+            return self
+        ratio = self.target_size / REFERENCE_SIZE
+        if ratio < 1:
+            factor = min(math.sqrt(1 / ratio), MOST_STEPS_FACTOR)
+        else:
+            factor = min(ratio, (MOST_STEPS_SIZE / REFERENCE_SIZE) ** 2 / ratio)
+        return replace(self, joint_steps=round(self.joint_steps * factor), round_steps=round(self.round_steps * factor))
+
+
+DEFAULT = DhfSettings()
+FAST = replace(
+    DEFAULT,
+    max_axes=2,
+    target_size=4096,
+    steps=150,
+    trial_steps=0,
+    joint_steps=1800,
+    samples=200_000,
+    rounds=3,
+    round_steps=250,
+)
+BEST = replace(DEFAULT, steps=1000, trial_steps=1000, joint_steps=100_000, rounds=5, round_steps=5000)

@@ -1,0 +1,103 @@
+"""What an encode did and had to assume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..mesh.bodies import Bodies
+from ..mesh.distances import Distances
+from ..mesh.wording import counted, percent
+
+POOR_ERROR = 0.025  # a larger mean error, of the diagonal, is that of a failed fit
+# A larger change of volume is worth a warning: that of a plate with sides off by a hundredth of its thickness.
+MOST_VOLUME_CHANGE = 0.02
+MOST_HIDDEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
+
+
+@dataclass
+class Report:
+    """What an encode did and had to assume; lengths in input units, shares of the input's surface area.
+
+    Attributes
+    ----------
+    faces, dropped_faces : int
+        Faces of the input, and those of zero area that were left out.
+    flipped : float
+        Share whose orientation was reversed.
+    assumptions : list of str
+        A line for each thing that was taken for granted.
+    visible, covered : float
+        Shares that a field along some candidate axis, and that the chosen axes see.
+    unknown : float
+        Share of the rays that meet a face from behind, through a hole.
+    distances, normalised : Distances or None
+        Between the input (or its walls where it was thickened) and the decoded file; in input units, and in the
+        normalised frame.
+    diagonal : float
+        Of the input's bounding box.
+    bodies, decoded : Bodies or None
+        Parts and volume of the input and of the decoded file.
+    seconds : dict
+        Of each stage.
+    """
+
+    faces: int = 0
+    dropped_faces: int = 0
+    flipped: float = 0.0
+    assumptions: list[str] = field(default_factory=list)
+    visible: float = 0.0
+    covered: float = 0.0
+    unknown: float = 0.0
+    distances: Distances | None = None
+    normalised: Distances | None = None
+    diagonal: float = 0.0
+    bodies: Bodies | None = None
+    decoded: Bodies | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> list[str]:
+        """A line for each thing that a user should know of before trusting the result."""
+        return [*self.assumptions, *hidden_warning(self.visible), *self._poor(), *self._changed()]
+
+    def _poor(self) -> list[str]:
+        # What is hidden comes back filled, which is told: say a quarter of the diagonal away, in one direction of two.
+        allowed = POOR_ERROR + (1 - self.visible) / 8
+        if self.distances is None or self.distances.mean <= allowed * self.diagonal:
+            return []
+        share = 100 * self.distances.mean / self.diagonal
+        return [f"the result is far from the input, {share:.1f} % of its diagonal on average; try another --seed"]
+
+    def _changed(self) -> list[str]:
+        """What a person would count, and find changed."""
+        if self.bodies is None or self.decoded is None:
+            return []
+        given, made, out = self.bodies, self.decoded, []
+        # Of an open surface parts are but guessed: cracks may go between any of its faces.
+        if made.parts != given.parts and given.closed:
+            what = "some are lost or have grown together" if made.parts < given.parts else "some have come apart"
+            out.append(
+                f"the input has {counted(given.parts)}, the result {counted(made.parts)}: {what}; try a larger size"
+            )
+        if made.minor > given.minor:
+            out.append(f"the result has {counted(made.minor - given.minor, 'speck')} that the input has not")
+        change = made.volume / given.volume - 1 if given.volume > 0 else 0.0
+        if abs(change) > MOST_VOLUME_CHANGE + given.noise:
+            out.append(
+                f"the volume of the result is {made.volume:.4g}, that of the input {given.volume:.4g} "
+                f"({100 * change:+.1f} %)"
+            )
+        return out
+
+
+def hidden_warning(visible: float) -> list[str]:
+    """A line where more of the surface is hidden than can go without saying."""
+    if 1 - visible <= MOST_HIDDEN:
+        return []
+    return [
+        f"{percent(1 - visible)} of the surface is hidden from every axis (cavities, inner parts) and comes back filled"
+    ]
+
+
+def unseen(name: str) -> str:
+    return f"{name}: no axis sees any of its surface; it does not bound a solid"
