@@ -10,12 +10,13 @@ from .errors import OptionError
 
 def whole(what: str, value: object, least: int, most: int | None = None) -> int:
     """A whole number from `least` to `most`, inclusive. Raises OptionError."""
-    if isinstance(value, numbers.Integral) and not isinstance(value, bool):
-        number = int(value)
-        if number >= least and (most is None or number <= most):
-            return number
-    allowed = f"{least} or more" if most is None else f"{least} to {most}"
-    raise OptionError(f"{what} is {value!r}; a whole number, {allowed}, is needed")
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool):
+        raise OptionError(f"{what} is {value!r}; a whole number is needed")
+    number = int(value)
+    if number < least or (most is not None and number > most):
+        allowed = f"{least} or more" if most is None else f"{least} to {most}"
+        raise OptionError(f"{what} is {number}; {allowed} are allowed")
+    return number
 
 
 def positive(what: str, value: object, unit: str) -> float:

@@ -52,7 +52,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def make_tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    from cndhf_codec.encoder import pipeline, settings
+    from cndhf_codec.encoder import pipeline, report, settings
     from cndhf_codec.mesh.distances import surface_distances
 
     small = replace(
@@ -65,15 +65,15 @@ def make_tiny(monkeypatch: pytest.MonkeyPatch) -> None:
         verify_resolution=32,
         target_size=None,
         samples=5_000,
-        tune_steps=60,
+        joint_steps=60,
         rounds=2,
         round_steps=20,
     )
     monkeypatch.setitem(settings.PRESETS, "fast", small)
     monkeypatch.setattr(pipeline, "surface_distances", partial(surface_distances, samples=2000))
     # Rough results are warned of, and warnings are errors here.
-    monkeypatch.setattr(pipeline, "POOR", 1.0)
-    monkeypatch.setattr(pipeline.Report, "_changed", lambda _: [])
+    monkeypatch.setattr(report, "POOR_ERROR", 1.0)
+    monkeypatch.setattr(report.Report, "_changed", lambda _: [])
 
 
 def stored_normals(path: Path):

@@ -29,7 +29,7 @@ if name == "encode":
     from cndhf_codec.encoder import settings
     settings.PRESETS["fast"] = replace(
         settings.PRESETS["fast"], max_axes=1, width=6, target_size=None, steps=20, batch=256, target_resolution=48,
-        verify_resolution=24, samples=2000, tune_steps=20, rounds=1, round_steps=5,
+        verify_resolution=24, samples=2000, joint_steps=20, rounds=1, round_steps=5,
     )
     options = ["--preset", "fast", "--threads", "1"]
 else:

@@ -13,7 +13,7 @@ import click
 import numpy as np
 from picture import plt
 
-from cndhf_codec.encoder.pipeline import encode_with_report
+from cndhf_codec import encode
 from cndhf_codec.errors import CndhfError
 from cndhf_codec.mesh.distances import surface_distances
 from cndhf_codec.mesh.normalise import normalisation
@@ -40,7 +40,8 @@ def row(path: Path, thicken: str | None) -> Row:
     option = f"--thicken {thicken}" if thicken else ""
     start = time.perf_counter()
     try:
-        model, report = encode_with_report(path, "fast", thicken=thicken)
+        model = encode(path, preset="fast", thicken=thicken)
+        report = model.report
     except CndhfError as exc:
         line = str(exc).replace(str(path), path.name)
         return "\t".join(
@@ -52,7 +53,7 @@ def row(path: Path, thicken: str | None) -> Row:
     surface = model.to_mesh(256)
     vertices, faces = norm.apply(np.asarray(surface.vertices)), np.asarray(surface.faces)
     d = surface_distances(norm.apply(mesh.vertices), mesh.faces, vertices, faces).scaled(1000)
-    figures = [f"{len(model.dumps())}", f"{d.chamfer:.3f}", f"{d.p99:.2f}", f"{d.maximum:.1f}", f"{seconds:.0f}"]
+    figures = [f"{len(model.dumps())}", f"{d.mean:.3f}", f"{d.p99:.2f}", f"{d.maximum:.1f}", f"{seconds:.0f}"]
     return "\t".join([path.name, option, "encoded", *figures, "; ".join(report.warnings)]), pictures(vertices, faces)
 
 

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 import trimesh
-from test_repair import CUBE, box, sheet, touching
+from dirty import CUBE, box, sheet, touching
 
 import cndhf_codec
 from cndhf_codec import check
@@ -20,7 +20,7 @@ def test_a_clean_mesh():
     assert (found.faces, found.vertices, found.components) == (12, 8, 1)
     assert (found.boundary_loops, found.boundary_edges, found.nonmanifold_edges, found.dropped_faces) == (0, 0, 0, 0)
     assert (found.flipped, found.self_intersections, found.assumptions, found.refusal) == (0, 0, [], None)
-    assert (found.hidden, found.floor) == (0, 0)
+    assert (found.hidden, found.error_lower_bound) == (0, 0)
     assert found.extents == (2, 4, 6)
     assert found.diagonal == pytest.approx(np.sqrt(56))
     assert found.volume == pytest.approx(48, rel=1e-3)
@@ -65,14 +65,14 @@ def test_what_is_hidden_and_what_it_costs():
     found = check(trimesh.util.concatenate([shell, cavity]))
     assert found.hidden == pytest.approx(0.2, abs=0.01)  # 6 of 30
     # The cavity's walls are a half below the surface, in one of the two directions that the error is the mean of.
-    assert found.floor == pytest.approx(0.2 * 0.5 / 2, rel=0.1)
+    assert found.error_lower_bound == pytest.approx(0.2 * 0.5 / 2, rel=0.1)
     assert any("hidden from every axis" in line for line in found.assumptions)
 
 
 def test_what_would_be_refused():
     found = check(sheet())
     assert found.refusal is not None
-    assert (found.volume, found.hidden, found.axes, found.floor) == (None, None, None, None)
+    assert (found.volume, found.hidden, found.axes, found.error_lower_bound) == (None, None, None, None)
     assert (found.boundary_loops, found.boundary_edges) == (1, 32)
     walled = check(sheet(), thicken="0.5mm", unit="cm")
     assert walled.refusal is None

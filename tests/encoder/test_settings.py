@@ -17,7 +17,7 @@ def test_presets():
 
 
 def test_more_work_in_better_presets():
-    for field in ("steps", "tune_steps", "trial_steps", "round_steps"):
+    for field in ("steps", "joint_steps", "trial_steps", "round_steps"):
         work = [getattr(PRESETS[p], field) for p in ("fast", "default", "best")]
         assert work == sorted(work)
 
@@ -58,6 +58,6 @@ def test_out_of_range(arguments, message):
 
 def test_narrow_networks_take_more_steps_and_wide_ones_too_up_to_the_dearest_size():
     sizes = (400, 2048, 8192, 12_000, 16_384, 32_768, 131_072)
-    steps = [settings_for("default", target_size=n).for_size().tune_steps for n in sizes]
+    steps = [settings_for("default", target_size=n).for_size().joint_steps for n in sizes]
     assert steps == [120_000, 80_000, 40_000, 58_594, 80_000, 40_000, 10_000]
-    assert settings_for("default", width=9).for_size().tune_steps == 40_000
+    assert settings_for("default", width=9).for_size().joint_steps == 40_000

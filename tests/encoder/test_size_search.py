@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from quietly import encode_quietly
 
 from cndhf_codec.encoder import settings
 from cndhf_codec.encoder import size_search as goal
-from cndhf_codec.encoder.pipeline import encode_with_report
 from cndhf_codec.encoder.size_search import Length, parse_length, smallest_file
 from cndhf_codec.errors import EncodeError, OptionError
 
@@ -78,28 +78,28 @@ def test_an_error_out_of_reach_says_what_was_reached():
 
 def test_an_encode_to_an_error(creature, tiny, monkeypatch):
     monkeypatch.setattr(goal, "START", 1500)
-    model, report = encode_with_report(creature, "fast", target_error="8%")
-    assert report.distances.chamfer <= 0.08 * report.diagonal
-    assert model.info["mean_error"] == pytest.approx(report.distances.chamfer, rel=1e-3)
+    model, report = encode_quietly(creature, preset="fast", target_error="8%")
+    assert report.distances.mean <= 0.08 * report.diagonal
+    assert model.info["mean_error"] == pytest.approx(report.distances.mean, rel=1e-3)
     assert model.info["bytes"] == len(model.dumps()) < 1500
     monkeypatch.setattr(goal, "MOST", 1500)
     with pytest.raises(EncodeError, match="not reached"):
-        encode_with_report(creature, "fast", target_error="0.0001%")
+        encode_quietly(creature, preset="fast", target_error="0.0001%")
 
 
 def test_an_error_and_a_size_exclude_each_other(creature):
     for options in ({"target_size": 4096}, {"width": 8}):
         with pytest.raises(OptionError, match="target error decides"):
-            encode_with_report(creature, "fast", target_error="1%", **options)
+            encode_quietly(creature, preset="fast", target_error="1%", **options)
     with pytest.raises(OptionError, match="target error decides"):
-        encode_with_report(creature, "paper", target_error="1%")
+        encode_quietly(creature, preset="paper", target_error="1%")
     with pytest.raises(OptionError, match="time limit"):
-        encode_with_report(creature, "fast", time_limit=0)
+        encode_quietly(creature, preset="fast", time_limit=0)
 
 
 def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
-    endless = settings.replace(settings.PRESETS["fast"], steps=10**7, tune_steps=10**7, round_steps=10**7)
+    endless = settings.replace(settings.PRESETS["fast"], steps=10**7, joint_steps=10**7, round_steps=10**7)
     monkeypatch.setitem(settings.PRESETS, "fast", endless)
-    _, report = encode_with_report(creature, "fast", width=8, time_limit=12)
+    _, report = encode_quietly(creature, preset="fast", width=8, time_limit=12)
     assert sum(report.seconds.values()) < 25
-    assert report.normalised.chamfer < 0.1
+    assert report.normalised.mean < 0.1

@@ -31,7 +31,7 @@ def encoded() -> bytes:
     settings.PRESETS["fast"] = replace(
         settings.PRESETS["fast"], steps=300, batch=1024, target_resolution=128, verify_resolution=64
     )
-    return encode(HERE.parent.parent / "examples" / "bracket.ply", "fast", axes=2, width=8, threads=1).dumps()
+    return encode(HERE.parent.parent / "examples" / "bracket.ply", preset="fast", axes=2, width=8, threads=1).dumps()
 
 
 def by_hand() -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from test_repair import CUBE, box, sheet, solid_of, touching
+from dirty import CUBE, box, sheet, solid_of, touching
 
 from cndhf_codec import check
 from cndhf_codec.mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface, filled_volume

@@ -22,7 +22,7 @@ def test_a_shape_and_itself():
 
 def test_two_concentric_spheres():
     d = distances(trimesh.creation.icosphere(5, 1.0), trimesh.creation.icosphere(5, 1.05))
-    assert d.chamfer == pytest.approx(0.05, rel=0.02)
+    assert d.mean == pytest.approx(0.05, rel=0.02)
     assert d.p99 == pytest.approx(0.05, rel=0.03)
     assert d.maximum == pytest.approx(0.05, rel=0.03)
 
@@ -33,7 +33,7 @@ def test_shifted_boxes():
     d = distances(a, b)
     # Mean distance of each face: 0.1 of the one outside the other box; of the one inside it min(0.1, distance
     # to a side), whose mean is the integral of (1 - 2 t)^2 to 0.1; 0.1^2 / 2 of the four sides.
-    assert d.chamfer == pytest.approx((0.1 + 0.0813333 + 4 * 0.005) / 6, rel=0.03)
+    assert d.mean == pytest.approx((0.1 + 0.0813333 + 4 * 0.005) / 6, rel=0.03)
     assert d.maximum == pytest.approx(0.1, rel=1e-3)
 
 
@@ -45,7 +45,7 @@ def test_a_piece_that_only_one_surface_has_is_seen_in_both_orders():
     assert distances(a, both).maximum > 0.8
     assert distances(both, a).maximum == pytest.approx(distances(a, both).maximum, rel=0.01)
     # Half the samples of one direction are about 0.9 away, none of the other: a quarter of that.
-    assert distances(a, both).chamfer == pytest.approx(0.25 * 0.9, rel=0.05)
+    assert distances(a, both).mean == pytest.approx(0.25 * 0.9, rel=0.05)
 
 
 def test_samples_are_uniform_by_area():

@@ -25,7 +25,7 @@ def pair(tmp_path):
 def test_two_spheres(pair):
     values = compare(*(read_shape(p, 32) for p in pair)).as_dict()
     assert values["diagonal"] == pytest.approx(2 * 3**0.5, rel=1e-3)
-    for key in ("chamfer", "p99", "hausdorff"):
+    for key in ("mean_error", "p99_error", "max_error"):
         assert values[key] == pytest.approx(0.05, rel=0.03)
         assert values["percent"][key] == pytest.approx(100 * values[key] / values["diagonal"])
     assert values["a"] == {"name": "a.ply", "bytes": pair[0].stat().st_size, "vertices": 2562, "faces": 5120}

@@ -153,7 +153,7 @@ def intersection(path: Path, original: Path | None) -> Row:
         d = surface_distances(
             norm.apply(mesh.vertices), mesh.faces, norm.apply(np.asarray(out.vertices)), np.asarray(out.faces)
         )
-        figures.append((label, len(out.faces), d.chamfer * 1e3, seconds, out.is_watertight))
+        figures.append((label, len(out.faces), d.mean * 1e3, seconds, out.is_watertight))
     text = "; ".join(
         f"{label}: {n} faces, CD {cd:.4f}, {seconds:.2f} s, watertight: {closed}"
         for label, n, cd, seconds, closed in figures

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 import cndhf_codec
 from cndhf_codec.encoder.paper.axes import choose_axes
-from cndhf_codec.encoder.settings import settings_for
+from cndhf_codec.encoder.paper.settings import PAPER
 from cndhf_codec.format.container import parameter_count
 from cndhf_codec.mesh.prepare import prepare
 from cndhf_codec.mesh.read import Mesh, read_mesh
@@ -47,13 +47,12 @@ def measured(model: cndhf_codec.Model, mesh: Mesh, prefix: str) -> Row:
 
 def compare(out: Path, name: str, budget: str) -> Row:
     ours = cndhf_codec.load(out / "files" / f"{mesh_path(name).stem}-default-{budget}.cndhf")
-    settings = settings_for("paper")
     solid = prepare(mesh_path(name)).solid
-    axes = choose_axes(solid, 0, 1, settings.rarity, settings.coverage, settings.max_axes).axes
+    axes = choose_axes(solid, PAPER, 0, 1).axes
     width = 4
-    while len(axes) * parameter_count(width, settings.hidden_layers) < ours.info["parameters"]:
+    while len(axes) * parameter_count(width, PAPER.hidden_layers) < ours.info["parameters"]:
         width += 1
-    paper = cndhf_codec.encode(mesh_path(name), "paper", width=width)
+    paper = cndhf_codec.encode(mesh_path(name), preset="paper", width=width)
     mesh = read_mesh(mesh_path(name))
     found = {"mesh": name, "budget": budget, **measured(ours, mesh, "our"), **measured(paper, mesh, "paper")}
     return {**found, "ours over paper": f"{float(found['our CD']) / float(found['paper CD']):.3f}"}

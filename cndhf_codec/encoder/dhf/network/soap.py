@@ -65,12 +65,13 @@ class Soap:
         """Set up the eigenbases from the first gradient, (K, P); the weights stay as they are."""
         _first_eigenbases(gradient.detach().numpy(), self.state)
 
-    def step(self, gradient: torch.Tensor, rate: float) -> None:
-        """One step along `gradient`, (K, P). The first call only sets up the eigenbases."""
+    def step(self, gradient: torch.Tensor, rate: float | F64) -> None:
+        """One step along `gradient`, (K, P), at one learning rate or, (K,), at each network's own. The first call only
+        sets up the eigenbases."""
         if not self.started:
             self.start(gradient)
             return
-        (scale,), (refresh,) = self.plan(np.full((1, len(gradient)), rate))
+        (scale,), (refresh,) = self.plan(np.broadcast_to(rate, (1, len(gradient))))
         _update_all(self._theta.numpy(), gradient.detach().numpy().copy(), self.state, scale, refresh)
 
     @property

@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 
 from cndhf_codec.decoder.dhf.network import Network
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.dhf.fit.single import fit_all
-from cndhf_codec.encoder.dhf.frames import frame_for_axis, height_targets
+from cndhf_codec.encoder.dhf.fit.single import PointLoss, Training, fit_each, soap
+from cndhf_codec.encoder.dhf.fit.targets import height_targets
+from cndhf_codec.encoder.dhf.frames import frame_for_axis
 from cndhf_codec.encoder.paper import quantise as quantise_module
 from cndhf_codec.encoder.paper.quantise import quantise
-from cndhf_codec.encoder.settings import PRESETS
-from cndhf_codec.encoder.thread_pool import Team
+from cndhf_codec.encoder.paper.settings import PaperSettings
+from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.format import Container, dumps, loads
 from cndhf_codec.mesh.solid import Solid
 
-SETTINGS = replace(PRESETS["fast"], width=8, hidden_layers=2, steps=300, batch=512)
+SETTINGS = PaperSettings(width=8, hidden_layers=2, margin=0.01)
+TRAINING = Training(
+    width=8,
+    hidden_layers=2,
+    omega=30,
+    steps=300,
+    learning_rate=3e-3,
+    batch=512,
+    loss=partial(PointLoss, margin=0.01),
+    optimiser=soap,
+)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +43,7 @@ def targets():
 
 @pytest.fixture(scope="module")
 def fitted(targets):
-    (network,) = fit_all([targets], [SETTINGS], 0, torch.device("cpu"), Team(1), lambda *_: None, Deadline())
+    (network,) = fit_each([targets], [TRAINING], 0, ThreadPool(1), lambda *_: None, Deadline())
     return [t.numpy() for t in network.tensors(0)]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,17 +14,20 @@ import trimesh
 
 from cndhf_codec.decoder.dhf.network import Network
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.dhf.fit.single import choose_device, fit_all, one_torch_thread
-from cndhf_codec.encoder.dhf.frames import frame_for_axis, height_targets
+from cndhf_codec.encoder.dhf.fit.single import PointLoss, Training, fit_each, one_torch_thread, soap
+from cndhf_codec.encoder.dhf.fit.targets import height_targets
+from cndhf_codec.encoder.dhf.frames import frame_for_axis
 from cndhf_codec.encoder.dhf.network.siren import forward, initialise
-from cndhf_codec.encoder.settings import PRESETS
-from cndhf_codec.encoder.thread_pool import Team
-from cndhf_codec.errors import EncodeError, OptionError
+from cndhf_codec.encoder.paper.loss import TileLoss, adam
+from cndhf_codec.encoder.thread_pool import ThreadPool
+from cndhf_codec.errors import EncodeError
 from cndhf_codec.format.container import tensor_shapes
 from cndhf_codec.mesh.solid import Solid
 
-SMALL = replace(PRESETS["fast"], width=8, hidden_layers=2, steps=600, batch=512)
-CPU = torch.device("cpu")
+POINTS, TILES = partial(PointLoss, margin=0.01), partial(TileLoss, margin=0.1, laplacian=10.0)
+SMALL = Training(
+    width=8, hidden_layers=2, omega=30, steps=600, learning_rate=3e-3, batch=512, loss=POINTS, optimiser=soap
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +38,16 @@ def targets():
     return [height_targets(solid, frame_for_axis(a, solid.vertices), 48) for a in axes]
 
 
-def fit(targets, settings=SMALL, seed=0, threads=1, on_steps=lambda *_: None, deadline=None):
+def fit(targets, training=SMALL, seed=0, threads=1, on_steps=lambda *_: None, deadline=None):
     deadline = deadline or Deadline()
-    with Team(threads) as team:
-        networks = fit_all(targets, [settings] * len(targets), seed, CPU, team, on_steps, deadline)
+    with ThreadPool(threads) as pool:
+        networks = fit_each(targets, [training] * len(targets), seed, pool, on_steps, deadline)
     return [[t.numpy() for t in n.tensors(0)] for n in networks]
 
 
-def outcome(tensors, t, settings=SMALL) -> tuple[float, float]:
+def outcome(tensors, t, training=SMALL) -> tuple[float, float]:
     """Mean height error inside the silhouette and share of the pixels outside that are empty."""
-    y = Network(tensors, settings.omega, settings.omega)(t.uv.reshape(-1, 2))
+    y = Network(tensors, training.omega, training.omega)(t.uv.reshape(-1, 2))
     hit = t.hit.ravel()
     truth = np.stack([t.near.ravel(), t.far.ravel()], axis=1)
     return float(np.abs(y - truth)[hit].mean()), float((y[~hit, 1] < y[~hit, 0]).mean())
@@ -51,15 +55,15 @@ def outcome(tensors, t, settings=SMALL) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"optimiser": "adam", "learning_rate": 1e-3}, {"laplacian": 10.0, "margin": 0.1}],
+    [{}, {"optimiser": adam, "learning_rate": 1e-3}, {"loss": TILES}],
     ids=["points", "adam", "tiles"],
 )
 def test_the_fit_learns_heights_and_silhouette(targets, changes):
-    settings = replace(SMALL, **changes)
-    (untrained,) = fit(targets[:1], replace(settings, steps=1))
-    (tensors,) = fit(targets[:1], settings)
-    error, empty = outcome(tensors, targets[0], settings)
-    assert outcome(untrained, targets[0], settings)[0] > 0.3
+    training = replace(SMALL, **changes)
+    (untrained,) = fit(targets[:1], replace(training, steps=1))
+    (tensors,) = fit(targets[:1], training)
+    error, empty = outcome(tensors, targets[0], training)
+    assert outcome(untrained, targets[0], training)[0] > 0.3
     assert error < 0.1
     assert empty > 0.8
     assert [t.shape for t in tensors] == tensor_shapes(8, 2)
@@ -77,16 +81,16 @@ def test_unknown_heights_pull_at_nothing(targets):
 
 
 def test_threads_do_not_change_a_bit(targets):
-    settings = replace(SMALL, steps=40)
-    one, two = fit(targets, settings, threads=1), fit(targets, settings, threads=2)
-    again = fit(targets, settings, threads=2)
+    training = replace(SMALL, steps=40)
+    one, two = fit(targets, training, threads=1), fit(targets, training, threads=2)
+    again = fit(targets, training, threads=2)
     for a, b, c in zip(one, two, again, strict=True):
         assert all(x.tobytes() == y.tobytes() == z.tobytes() for x, y, z in zip(a, b, c, strict=True))
 
 
 def test_seeds_do(targets):
-    settings = replace(SMALL, steps=2)
-    a, b = fit(targets[:1], settings, seed=0)[0], fit(targets[:1], settings, seed=1)[0]
+    training = replace(SMALL, steps=2)
+    a, b = fit(targets[:1], training, seed=0)[0], fit(targets[:1], training, seed=1)[0]
     assert not np.array_equal(a[0], b[0])
 
 
@@ -125,22 +129,10 @@ def test_torch_threads_are_given_back():
     assert torch.get_num_threads() == before
 
 
-@pytest.mark.parametrize("optimiser", ["soap", "adam"])
+@pytest.mark.parametrize("optimiser", [soap, adam])
 def test_divergence_is_an_error(targets, optimiser):
     with pytest.raises(EncodeError, match=r"diverged.*seed"):
         fit(targets, replace(SMALL, learning_rate=1e38, optimiser=optimiser))
-
-
-def test_devices():
-    assert choose_device("cpu") == CPU
-    with pytest.raises(OptionError, match="device is 'tpu'"):
-        choose_device("tpu")
-
-
-def test_cuda_where_there_is_none(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(OptionError, match="no CUDA device"):
-        choose_device("cuda")
 
 
 def test_torch_and_numpy_agree_on_the_network():

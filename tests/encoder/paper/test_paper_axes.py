@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from manifold3d import Manifold
 
-from cndhf_codec.encoder.paper.axes import candidates, choose_axes, effective_area, fibonacci_sphere, visibility
+from cndhf_codec.encoder.paper.axes import candidates, choose_axes, effective_area, visibility
+from cndhf_codec.encoder.paper.settings import PAPER
+from cndhf_codec.mesh.sampling import fibonacci_sphere
 from cndhf_codec.mesh.solid import Solid
 
 
@@ -87,7 +91,7 @@ def test_a_cavity_is_seen_from_nowhere():
     seen = visibility(solid, candidates(), 0, 1)
     assert not seen[:, inner].any()
     assert (seen | parallel(solid, candidates()))[:, ~inner].all()
-    choice = choose_axes(solid, 0, 1, "printed", 0.999, 3)
+    choice = choose_axes(solid, replace(PAPER, max_axes=3), 0, 1)
     assert choice.visible == pytest.approx(1 / (1 + 0.4**2))
 
 
@@ -116,7 +120,7 @@ def test_effective_area_where_nothing_is_seen(rarity):
 
 
 def test_one_axis_is_enough_for_a_convex_shape():
-    choice = choose_axes(solid_of(trimesh.creation.icosphere(3)), 0, 1, "printed", 0.999, 3)
+    choice = choose_axes(solid_of(trimesh.creation.icosphere(3)), replace(PAPER, max_axes=3), 0, 1)
     assert choice.axes.shape == (1, 3)
     assert choice.covered.tolist() == [1]
     assert choice.visible == 1
@@ -133,10 +137,10 @@ def test_greedy_choice(rarity):
     ):
         shape -= slot
     solid = solid_of(shape)
-    choice = choose_axes(solid, 0, 1, rarity, 0.999, None)
+    choice = choose_axes(solid, replace(PAPER, rarity=rarity), 0, 1)
     assert len(choice.axes) >= 2
     assert (np.diff(choice.covered) > 0).all()
     assert choice.covered[-1] <= choice.visible <= 1
     np.testing.assert_allclose(np.linalg.norm(choice.axes, axis=1), 1)
-    two = choose_axes(solid, 0, 1, rarity, 0.999, 2)
+    two = choose_axes(solid, replace(PAPER, rarity=rarity, max_axes=2), 0, 1)
     assert np.array_equal(two.axes, choice.axes[:2])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cndhf_codec.encoder.dhf.frames import Frame, frame_for_axis, height_targets
+from cndhf_codec.encoder.dhf.fit.targets import height_targets
+from cndhf_codec.encoder.dhf.frames import Frame, frame_for_axis
 from cndhf_codec.mesh.solid import Solid
 
 RADIUS = 0.8
