@@ -1,6 +1,6 @@
 """What becomes of dirty meshes: `python tools/dirty_table.py results/0.1/dirty MESH ...` writes dirty.tsv, dirty.png.
 
-Every mesh is encoded at preset `fast`; what is refused is encoded again with a wall. CD is the Chamfer distance from
+Every mesh is encoded at preset `fast`; what is refused is encoded again with a wall. CD is the mean error from
 the input as given, in its normalised frame, times 1000; the pictures show the input beside what comes back.
 """
 

@@ -41,7 +41,7 @@ def _run(name: str) -> int:
         # A file name that the terminal's encoding cannot say is no reason to fail when all is done.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        extra = {"info": "cli", "decode": "mesh"}.get(name, "encode")
+        extra = {"encode": "encode", "decode": "mesh", "info": "cli", "compare": "compare"}[name]
         click = require("click", extra)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)

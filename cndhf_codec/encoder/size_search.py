@@ -8,11 +8,10 @@ from typing import TypeVar
 
 from ..errors import EncodeError
 
-START, MOST = 4096, 24_576  # bytes of the first file tried, and of the largest
-LEAST = 600
+FIRST, SMALLEST, LARGEST = 4096, 600, 24_576  # bytes of the first file tried, and of those that may be
 TRIES = 6
 SLOPE = 0.8  # of log error against log bytes, before anything is known of the mesh
-NEAR = 1.05  # a file this much larger than one that fails is small enough
+CLOSE_ENOUGH = 1.05  # a file this much larger than one that fails is small enough
 
 Result = TypeVar("Result")
 
@@ -24,7 +23,7 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: fl
     about as a power of the size: the next size is where that power, or the one that the last two tell, meets the limit.
     Raises EncodeError when the largest size does not meet it.
     """
-    size, best = START, None
+    size, best = FIRST, None
     fails, meets = (0, math.inf), (0, 0.0)  # the largest size that fails and the smallest that meets, with their errors
     for k in range(TRIES):
         result, error = attempt(size, TRIES - 1 - k)
@@ -33,14 +32,14 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: fl
         elif size > fails[0]:
             fails = (size, error)
         if best is None:
-            if size == MOST:
+            if size == LARGEST:
                 break
-            size = min(_at_limit(size, error, SLOPE, limit, 1.25), MOST)
+            size = min(_at_limit(size, error, SLOPE, limit, 1.25), LARGEST)
         elif fails[0] == 0:
-            if size == LEAST:
+            if size == SMALLEST:
                 break
-            size = max(min(_at_limit(size, error, SLOPE, limit, 0.0), round(size / 1.1)), LEAST)
-        elif meets[0] <= NEAR * fails[0]:
+            size = max(min(_at_limit(size, error, SLOPE, limit, 0.0), round(size / 1.1)), SMALLEST)
+        elif meets[0] <= CLOSE_ENOUGH * fails[0]:
             break
         else:
             slope = math.log(fails[1] / max(meets[1], 1e-9 * limit)) / math.log(meets[0] / fails[0])

@@ -80,7 +80,7 @@ class DhfRecord:
 class Metadata:
     """The optional section. Errors are in input units, measured on the decoded file.
 
-    mean_error: Chamfer distance (mean of the two directed mean point-to-surface distances).
+    mean_error: the mean error (CD, mean of the two directed mean point-to-surface distances).
     p99_error, max_error: 99th percentile and maximum of the same distances.
     """
 

@@ -56,7 +56,7 @@ import numpy as np
 from cndhf_codec.encoder.dhf.network import kernel
 rng = np.random.default_rng(0)
 theta, uv, g = (rng.uniform(-0.3, 0.3, n).astype(np.float32) for n in (5 * 64 + 82, (1000, 2), (1000, 2)))
-sys.stdout.buffer.write(kernel.heights_gradient(theta, 8, 6, np.float32(30), uv, g).tobytes())
+sys.stdout.buffer.write(kernel.heights_gradient(kernel.Net(theta, 8, 6, np.float32(30)), uv, g).tobytes())
 """
 
 

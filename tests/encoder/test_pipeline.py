@@ -101,7 +101,7 @@ def test_report(encoded):
     assert (report.faces, report.dropped_faces, report.flipped, report.unknown) == (len(truth.faces), 0, 0, 0)
     assert report.diagonal == pytest.approx(np.linalg.norm(truth.extents))
     assert 0.9 < report.covered <= report.visible <= 1
-    assert set(report.seconds) == {"read", "axes", "fit", "tune", "round", "verify"}
+    assert set(report.seconds) == {"read", "axes", "fit", "joint fit", "round", "verify"}
     assert len(model.dumps()) < 6000
 
 
@@ -198,7 +198,7 @@ def test_progress_goes_through_the_stages_in_order(part):
     seen = []
     encode(part, preset="fast", progress=lambda stage, done, total, loss=np.nan: seen.append((stage, done, total)))
     stages = list(dict.fromkeys(stage for stage, _, _ in seen))
-    assert stages == ["read", "axes", "fit", "tune", "round", "verify"]
+    assert stages == ["read", "axes", "fit", "joint fit", "round", "verify"]
     for stage in stages:
         steps = [(done, total) for s, done, total in seen if s == stage]
         assert steps[0][0] == 0
@@ -216,7 +216,7 @@ def test_progress_goes_through_the_stages_in_order(part):
         ({"threads": 0}, "threads"),
         ({"seed": -1}, "seed"),
         ({"seed": 2**32}, "seed"),
-        ({"device": "tpu"}, "device"),
+        ({"threads": 1.5}, "threads is 1.5; a whole number"),
     ],
 )
 def test_options_are_checked_before_the_mesh_is_read(options, message):

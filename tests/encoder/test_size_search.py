@@ -1,50 +1,13 @@
-"""Encoding to an error: what a user may write, and the search for the smallest file."""
+"""Encoding to an error: the search for the smallest file."""
 
 from __future__ import annotations
 
 import pytest
 from quietly import encode_quietly
 
-from cndhf_codec.encoder import settings
-from cndhf_codec.encoder import size_search as goal
-from cndhf_codec.encoder.size_search import Length, parse_length, smallest_file
+from cndhf_codec.encoder import settings, size_search
+from cndhf_codec.encoder.size_search import smallest_file
 from cndhf_codec.errors import EncodeError, OptionError
-
-
-@pytest.mark.parametrize(
-    ("text", "unit", "expected"),
-    [
-        ("0.2%", None, Length(0.002, True)),
-        (" .5 % ", "mm", Length(0.005, True)),
-        ("0.25", None, Length(0.25, False)),
-        (1e-3, None, Length(0.001, False)),
-        ("0.5mm", "mm", Length(0.5, False)),
-        ("0.5mm", "m", Length(0.0005, False)),
-        ("1 in", "mm", Length(25.4, False)),
-    ],
-)
-def test_errors_as_users_write_them(text, unit, expected):
-    got = parse_length(text, unit, "target error")
-    assert got.value == pytest.approx(expected.value)
-    assert got.relative == expected.relative
-    assert got.in_units(10) == pytest.approx(got.value * (10 if got.relative else 1))
-
-
-@pytest.mark.parametrize(
-    ("text", "unit", "match"),
-    [
-        ("0.5mm", None, "--unit"),
-        ("0.5furlongs", "mm", "units are mm"),
-        ("0.5", "furlongs", "unit is"),
-        ("0", None, "positive"),
-        ("-1%", None, "positive"),
-        ("nan", None, "positive"),
-        ("", None, "positive"),
-    ],
-)
-def test_what_is_not_an_error(text, unit, match):
-    with pytest.raises(OptionError, match=match):
-        parse_length(text, unit, "target error")
 
 
 def error_of(size: int, power: float = 0.9, floor: float = 0.0) -> float:
@@ -58,31 +21,31 @@ def test_the_search_finds_a_size_a_little_above_the_smallest(wanted, power, floo
 
     def attempt(size, more):
         tried.append(size)
-        assert more == goal.TRIES - len(tried)
+        assert more == size_search.TRIES - len(tried)
         return size, error_of(size, power, floor)
 
     found = smallest_file(attempt, error_of(wanted, power, floor))
     assert wanted <= found <= 1.15 * wanted
-    assert len(tried) <= goal.TRIES
+    assert len(tried) <= size_search.TRIES
     assert len(set(tried)) == len(tried)
 
 
 def test_the_smallest_file_of_all_is_taken_when_it_will_do():
-    assert smallest_file(lambda size, more: (size, 0.0), 1.0) == goal.LEAST
+    assert smallest_file(lambda size, more: (size, 0.0), 1.0) == size_search.SMALLEST
 
 
 def test_an_error_out_of_reach_says_what_was_reached():
-    with pytest.raises(EncodeError, match=rf"0\.001.*not reached.*0\.5 at {goal.MOST} bytes"):
+    with pytest.raises(EncodeError, match=rf"0\.001.*not reached.*0\.5 at {size_search.LARGEST} bytes"):
         smallest_file(lambda size, more: (size, 0.5), 0.001)
 
 
 def test_an_encode_to_an_error(creature, tiny, monkeypatch):
-    monkeypatch.setattr(goal, "START", 1500)
+    monkeypatch.setattr(size_search, "FIRST", 1500)
     model, report = encode_quietly(creature, preset="fast", target_error="8%")
     assert report.distances.mean <= 0.08 * report.diagonal
     assert model.info["mean_error"] == pytest.approx(report.distances.mean, rel=1e-3)
     assert model.info["bytes"] == len(model.dumps()) < 1500
-    monkeypatch.setattr(goal, "MOST", 1500)
+    monkeypatch.setattr(size_search, "LARGEST", 1500)
     with pytest.raises(EncodeError, match="not reached"):
         encode_quietly(creature, preset="fast", target_error="0.0001%")
 

@@ -9,9 +9,9 @@ from dirty import CUBE, box, is_closed_and_outward, sheet
 from quietly import encode_quietly
 
 from cndhf_codec import encode
-from cndhf_codec.encoder.size_search import Length
 from cndhf_codec.errors import MeshError, OptionError
 from cndhf_codec.mesh import prepare as module
+from cndhf_codec.mesh.lengths import Length
 from cndhf_codec.mesh.prepare import prepare
 
 

@@ -37,7 +37,7 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(samples, clear, fr
     held = torch.zeros(nets.theta.shape, dtype=torch.bool)
     held[0, 100:300] = True
     trained_on = JointLoss(samples, clear, frames, ThreadPool(1))
-    joint_fit(nets, trained_on, Schedule(512, 200, 3e-3), 0, lambda step, loss: losses.append(loss), Deadline(), held)
+    joint_fit(nets, trained_on, Schedule(512, 300, 3e-3), 0, lambda step, loss: losses.append(loss), Deadline(), held)
     assert losses[-1] < losses[0]
     start = networks()
     fresh = JointLoss(samples, clear, frames, ThreadPool(1))
