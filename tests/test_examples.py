@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 import trimesh
-from conftest import ROOT, stored_normals
+from normals import stored_normals
+from places import ROOT
 
 sys.path.insert(0, str(ROOT / "examples"))
 

@@ -13,7 +13,7 @@ import analytic
 import numpy as np
 import pytest
 import trimesh
-from conftest import stored_normals
+from normals import stored_normals
 
 from cndhf_codec import cli, load
 
@@ -501,7 +501,7 @@ def test_help_and_version(run, name):
         ("encode", "click", "encode"),
         ("decode", "click", "mesh"),
         ("info", "click", "cli"),
-        ("compare", "click", "encode"),
+        ("compare", "click", "compare"),
         ("compare", "igl", "compare"),
         ("encode", "torch", "encode"),
         ("encode", "trimesh", "encode"),

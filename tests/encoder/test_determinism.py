@@ -18,8 +18,8 @@ from cndhf_codec import encode
 ENCODE = """
 import sys
 sys.path.insert(0, sys.argv[1])
-import conftest, pytest, cndhf_codec
-conftest.make_tiny(pytest.MonkeyPatch())
+import pytest, cndhf_codec, small
+small.make_tiny(pytest.MonkeyPatch())
 sys.stdout.buffer.write(cndhf_codec.encode(sys.argv[2], preset="fast", seed=3, threads=int(sys.argv[3])).dumps())
 """
 

@@ -7,7 +7,7 @@ import sys
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from conftest import ROOT
+from places import ROOT
 
 ADD_ON = ROOT / "contrib" / "blender_import_cndhf.py"
 
