@@ -10,6 +10,7 @@ from jointly import networks, quiet
 
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.dhf.fit.active_set import TOLERANCE
+from cndhf_codec.encoder.dhf.fit.counterexamples import ADDED_BELOW, DOUBTFUL
 from cndhf_codec.encoder.dhf.fit.joint import Schedule, joint_fit
 from cndhf_codec.encoder.dhf.fit.loss import JointLoss
 from cndhf_codec.encoder.thread_pool import ThreadPool
@@ -55,3 +56,22 @@ def test_what_is_wrong_near_the_surface_is_found(samples, clear, frames, solid, 
     # The next search looks around what was found, too.
     assert [len(known) for known in joint_loss.search.remembered] == ([0, 2000] if cut else [2000, 0])
     assert len(joint_loss.search.doubtful(nets, int(cut))[0]) > 1000
+
+
+def test_of_doubtful_points_only_the_wrong_ones_become_samples(samples, clear, frames):
+    joint_loss = JointLoss(samples, clear, frames, ThreadPool(1))
+    nets = networks(width=6)
+    nets.theta.zero_()
+    # Slabs: outside them -f grows with the distance from a plane, through all values.
+    nets.theta[:, -2:] = torch.tensor([-0.3, 0.3])
+    added = {side: points for side, points, _, _ in list(joint_loss.search.find(nets))[1:]}
+
+    def value(points: np.ndarray) -> np.ndarray:
+        return np.min([0.3 - np.abs(points @ f.rotation[2]) for f in frames], axis=0)
+
+    remembered = joint_loss.search.remembered[0]
+    assert (-value(remembered) < DOUBTFUL + 1e-5).all()
+    assert (-value(remembered) > ADDED_BELOW[0]).sum() > 20  # around these the next search looks
+    assert len(added[0]) > 100
+    assert (-value(added[0]) < ADDED_BELOW[0] + 1e-5).all()
+    assert (value(added[1]) < ADDED_BELOW[1] + 1e-5).all()

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from jointly import SMALL, job_of, quiet
 
 from cndhf_codec.encoder.deadline import Deadline
@@ -15,6 +16,8 @@ from cndhf_codec.encoder.dhf.axes.trials import Round, Trial
 from cndhf_codec.encoder.dhf.job import Plan
 from cndhf_codec.encoder.dhf.widths import widths_for
 from cndhf_codec.encoder.thread_pool import ThreadPool
+from cndhf_codec.mesh.read import read_mesh
+from cndhf_codec.mesh.solid import Solid
 
 
 def test_axes_are_chosen_by_what_they_leave(solid):
@@ -91,3 +94,59 @@ def test_a_width_is_taken_as_given(solid):
     # 4 is the least that the options allow, less than what a size would be met with.
     plan = trials.make_plan(job_of(solid, replace(SMALL, target_size=None, width=4, trial_steps=0)), Deadline())
     assert plan.widths == [4] * len(plan.frames)
+
+
+def slotted() -> Solid:
+    """A cube of side 1 with a slot: half of it deep in x, all of it wide in y, a fifth of it high."""
+    cube = trimesh.creation.box((1, 1, 1))
+    slot = trimesh.creation.box((0.5, 2, 0.2), trimesh.transformations.translation_matrix((0.25001, 0, 0)))
+    mesh = read_mesh(trimesh.boolean.difference([cube, slot], engine="manifold").subdivide())
+    return Solid(mesh.vertices, mesh.faces)
+
+
+def test_the_error_lower_bound_is_what_the_exact_heights_fill():
+    solid = slotted()
+    costs = AxisCosts(solid, 0, ThreadPool(1))
+    x, y, z = range(len(costs.axes) - 6, len(costs.axes) - 3)
+    # Along x and y the slot is seen; along z it is filled, up to 0.4 above its ceiling and below its floor. Of its back
+    # wall, seen edge-on, 0.4 to 0.5 count by the least cosine. Seen in one of two directions: half.
+    hidden = 2 * 0.5 * 0.4 + 0.2 * 0.45 * 0.3
+    assert costs.error_lower_bound([x]) == costs.error_lower_bound([y]) == 0
+    assert costs.error_lower_bound([z]) == pytest.approx(hidden / 2 / solid.areas.sum(), rel=0.05)
+    assert costs.error_lower_bound([x, z]) == 0
+
+
+def test_sets_that_leave_much_are_not_tried(monkeypatch):
+    tried: list[Plan] = []
+
+    def trial(job, plan, steps, deadline, start):
+        tried.append(plan)
+        return Trial(plan.error_lower_bound + 0.001, plan.shares, None)
+
+    monkeypatch.setattr(trials, "_trial", trial)
+    monkeypatch.setattr(AxisCosts, "sets", lambda self, count: [[len(self.axes) - 4]])  # z, whatever the number
+    solid = slotted()
+    trials.make_plan(job_of(solid, replace(SMALL, target_size=4096, max_axes=1)), Deadline())
+    assert not tried  # there is nothing to choose from
+    two = [[len(AxisCosts(solid, 0, ThreadPool(1)).axes) - k] for k in (6, 4)]  # x, then z, which fills the slot
+    monkeypatch.setattr(AxisCosts, "sets", lambda self, count: two)
+    trials.make_plan(job_of(solid, replace(SMALL, target_size=4096, max_axes=1)), Deadline())
+    assert {round(p.error_lower_bound, 4) for p in tried} <= {0.0, round(tried[0].error_lower_bound, 4)}
+    assert tried[0].error_lower_bound > 0.02  # the last one first: it is tried
+    tried.clear()
+    two.reverse()
+    trials.make_plan(job_of(solid, replace(SMALL, target_size=4096, max_axes=1)), Deadline())
+    assert all(p.error_lower_bound == 0 for p in tried)  # what x reached is below what z must leave
+
+
+@pytest.mark.parametrize("bound", [0.0, 0.01])
+def test_more_axes_have_more_to_learn_after_a_trial(bound):
+    def predicted(axes: int, trial: float) -> float:
+        plan = Plan([None] * axes, [1 / axes] * axes, [9] * axes, bound, 1.0, 1.0)
+        return trials.predicted_error(plan, trial, trials.SHRINK)
+
+    errors = [predicted(axes, 0.05) for axes in (1, 2, 3, 4)]
+    assert errors == sorted(errors, reverse=True)
+    # Two axes more are worth a trial's error that is a tenth worse, less what nothing can learn.
+    assert predicted(4, bound + 1.1 * (0.05 - bound)) < predicted(2, 0.05) < predicted(4, bound + 1.2 * (0.05 - bound))
+    assert predicted(3, bound) == pytest.approx(bound)
