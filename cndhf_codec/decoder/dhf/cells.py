@@ -62,7 +62,8 @@ class CellGrid:
         for part in (mixed[k : k + COARSE_AT_ONCE] for k in range(0, len(mixed), COARSE_AT_ONCE)):
             children = (part[:, None] * COARSE_EDGE + _indices([COARSE_EDGE] * 3)).reshape(-1, 3)
             parents = np.repeat(coarse[tuple(part.T)], COARSE_EDGE**3)
-            states[tuple(part.T)] = self._states(bounds, children, 1, parents).reshape(-1, COARSE_EDGE, COARSE_EDGE, COARSE_EDGE)
+            fine = self._states(bounds, children, 1, parents)
+            states[tuple(part.T)] = fine.reshape(-1, *states.shape[3:])
         joined = states.transpose(0, 3, 1, 4, 2, 5).reshape(n * COARSE_EDGE)
         # A border of outside cells: what `lookup` gives for points beyond the box.
         self.shape = n * COARSE_EDGE + 2

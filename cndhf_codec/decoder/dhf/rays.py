@@ -5,8 +5,6 @@ A ray is sampled only where it passes cells next to the surface; the first chang
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
@@ -16,34 +14,6 @@ from .cells import CellGrid
 RAYS_AT_ONCE = 2**11  # about 40 MB
 SAMPLES_PER_CELL = 8  # a ray that goes in and out again between two samples misses both crossings
 BISECTIONS = 12  # of the ray between two samples: to 2^-22 of the solid's longest side
-
-
-class RayHits(NamedTuple):
-    """First crossings of rays with the surface: what `Model.ray_intersect` returns.
-
-    All three are float32 when the rays were, else float64. `...` is the shape of the rays.
-
-    Attributes
-    ----------
-    distance : ndarray, shape (...)
-        Distance from the ray's origin in input units, at least 0; inf where the ray misses.
-    point : ndarray, shape (..., 3)
-        Crossing in input coordinates; NaN where the ray misses.
-    normal : ndarray, shape (..., 3)
-        Outward normal of length one; NaN where the ray misses.
-
-    Examples
-    --------
-    >>> import cndhf_codec
-    >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
-    >>> hits = model.ray_intersect([[0, 0, 100], [99, 99, 99]], [[0, 0, -1], [1, 0, 0]])
-    >>> hits.distance < float("inf")
-    array([ True, False])
-    """
-
-    distance: npt.NDArray[np.floating]
-    point: npt.NDArray[np.floating]
-    normal: npt.NDArray[np.floating]
 
 
 def first_crossings(cells: CellGrid, origins: F64, directions: F64) -> F64:

@@ -103,7 +103,7 @@ class HeightBounds:
         self.values = np.stack(bounds)
 
     def __call__(self, u: F32, v: F32) -> F32:
-        """Lowest corners u, v (N,) of rectangles -> (4, N): least near, least far, greatest near, greatest far height."""
+        """Lowest corners u, v (N,) of rectangles -> (4, N): least near, least far, greatest near, greatest far."""
         at = []
         for k, x in enumerate((u, v)):
             node = np.floor((x - self.lo[k]) / self.step[k] - np.float32(0.01))
