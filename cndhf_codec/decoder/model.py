@@ -319,8 +319,8 @@ class Model:
         --------
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
-        >>> model.normals([20, 10, 7.92]).round(1)
-        array([-0.1, -0. ,  1. ], dtype=float32)
+        >>> bool(model.normals([20, 10, 7.92])[2] > 0.9)
+        True
         """
         return _outward(self.implicit(points, gradient=True)[1])
 
@@ -735,8 +735,12 @@ def loads_prefix(data: bytes, n_dhfs: int | None = None, limits: Limits | None =
     >>> import cndhf_codec
     >>> from pathlib import Path
     >>> data = Path("tests/must_load/rans.cndhf").read_bytes()
-    >>> len(cndhf_codec.loads_prefix(data[:-10], 1).info["dhfs"])
+    >>> len(cndhf_codec.loads_prefix(data[:-4]).info["dhfs"])
     1
+    >>> cndhf_codec.loads_prefix(data[:-10])
+    Traceback (most recent call last):
+    ...
+    cndhf_codec.errors.TruncatedError: the file ends after 96 bytes, before DHF 0 is complete
     """
     n_dhfs = None if n_dhfs is None else whole_number(n_dhfs, "n_dhfs")
     return Model(fmt.loads_prefix(bytes_like(data), n_dhfs), limits=limits)
@@ -811,7 +815,7 @@ def load_stream(stream: BinaryIO, name: str, limits: Limits | None = None) -> Mo
         data = stream.read(MAX_FILE_SIZE + 1)
     except OSError as exc:
         raise InputError(f"{name}: cannot be read: {exc.strerror}") from exc
-    except (AttributeError, TypeError, ValueError) as exc:  # no stream, a closed one, text
+    except (AttributeError, TypeError, ValueError) as exc:  # not a stream, a closed one, one of text
         raise OptionError(f"{name}: a stream is needed that is open for reading bytes") from exc
     return _loads(bytes_like(data), name, limits)
 
