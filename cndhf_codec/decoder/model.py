@@ -223,7 +223,7 @@ class Model:
         Returns
         -------
         f : ndarray of float32, shape (...)
-            In input units. Near the surface, f / |grad f| approximates the distance from it.
+            In input units. Close to the surface, f / |grad f| approximates the distance from it.
         gradient : ndarray of float32, shape (..., 3), only if asked for
             By input coordinates, analytic. Where f has a crease, that of one side. -grad f / |grad f| is the outward
             normal of the surface.

@@ -1,8 +1,8 @@
 """Cells of space: surely inside the solid, surely outside, or undecided, with the networks that decide.
 
-A query looks up the cell of its point, and evaluates networks only near the surface. "Surely" rests on bounds of the
-heights over patches of each DHF's domain, measured when the cells are made. Where heights are too rough to be bounded,
-cells stay undecided: queries are slower there, and still right.
+A query looks up the cell of its point, and evaluates networks only in undecided cells, next to the surface. "Surely"
+rests on bounds of the heights over patches of each DHF's domain, measured when the cells are made. Where heights are
+too rough to be bounded, cells stay undecided: queries are slower there, and still right.
 """
 
 from __future__ import annotations
