@@ -27,8 +27,8 @@ LOW = 2**23  # the state lies in [LOW, 256 LOW) between symbols
 # The free ones are for small networks whose weights are nearly all zero.
 FREE_SYMBOLS, MAX_SYMBOLS_A_BYTE = 2**15, 4
 
-# The ratios of a Gaussian's successive values, at steps of 1, are a geometric sequence. Row t holds its first term and its
-# ratio, times 2^24. Rows 0 to 23: standard deviation 2^(t / 4 - 2), values at 0, 1, 2, ... Rows 24 to 27: standard
+# The ratios of a Gaussian's successive values, at steps of 1, are a geometric sequence. Row t holds its first term and
+# its ratio, times 2^24. Rows 0 to 23: standard deviation 2^(t / 4 - 2), values at 0, 1, 2, ... Rows 24 to 27: standard
 # deviation of row t - 4, values at 0.5, 1.5, 2.5, ...
 RATIOS: tuple[tuple[int, int], ...] = (
     (5628, 2),

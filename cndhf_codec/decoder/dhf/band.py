@@ -2,7 +2,6 @@
 
 The grid is divided into blocks of 16^3 nodes, and blocks into bricks of 4^3. Where bounds show that f has one sign in a
 block and next to it, the block is not divided: it takes one bound per DHF. So time and memory grow with the surface.
-Values of f are in units of the grid's spacing throughout.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from .table import HeightBounds, HeightTable
 
 BLOCK_SIDE, BRICK_SIDE = 16, 4  # nodes along a side
 BRICKS_PER_SIDE = BLOCK_SIDE // BRICK_SIDE  # of a block
+BRICKS_PER_BLOCK = BRICKS_PER_SIDE**3
 NODES_PER_BRICK = BRICK_SIDE**3
 NO_DHF = 255  # in `Band.owners`; a file has at most 64 DHFs
 
@@ -32,7 +32,8 @@ OUTSIDE_ROW, INSIDE_ROW, FIRST_BRICK_ROW = 0, 1, 2
 MIN_MAGNITUDE, MAX_MAGNITUDE = 0.01, 4.0
 BLOCKS_AT_ONCE, BRICKS_AT_ONCE = 2**17, 5 * 2**10
 
-# The nodes of a brick, (64, 3): offsets from its first node, last index fastest.
+# The nodes of a brick, (64, 3): offsets from its first node, last index fastest. The bricks of a block are in the same
+# order, at BRICK_SIDE times these offsets.
 NODE_OFFSETS = np.indices((BRICK_SIDE,) * 3, dtype=np.int32).reshape(3, -1).T
 
 
@@ -65,10 +66,10 @@ class Band:
         """Rows of `values` (...) for the bricks with first nodes `corners` (3, ...), 0 <= corner <= shape + 16."""
         x, y, z = corners // BRICK_SIDE
         bx, by, bz = x // BRICKS_PER_SIDE, y // BRICKS_PER_SIDE, z // BRICKS_PER_SIDE
-        cx, cy, cz = x - BRICKS_PER_SIDE * bx, y - BRICKS_PER_SIDE * by, z - BRICKS_PER_SIDE * bz
-        child = (cx * BRICKS_PER_SIDE + cy) * BRICKS_PER_SIDE + cz
+        brick = (x - BRICKS_PER_SIDE * bx) * BRICKS_PER_SIDE + y - BRICKS_PER_SIDE * by
+        brick = brick * BRICKS_PER_SIDE + z - BRICKS_PER_SIDE * bz
         _, ny, nz = self._blocks.shape
-        return self._bricks.take(self._blocks.take((bx * ny + by) * nz + bz) * NODES_PER_BRICK + child)
+        return self._bricks.take(self._blocks.take((bx * ny + by) * nz + bz) * BRICKS_PER_BLOCK + brick)
 
     def dense(self) -> Mask:
         """Whether f >= 0 at every node of the grid."""
@@ -86,16 +87,16 @@ def narrow_band(grid: Grid, dhfs: Sequence[Dhf], tables: Sequence[HeightTable]) 
     """The bricks around f = 0, with f at their nodes from the height tables."""
     n_blocks = [-(-n // BLOCK_SIDE) for n in grid.shape]
     corners = np.indices(n_blocks, dtype=np.int32).reshape(3, -1).T * BLOCK_SIDE
-    coarse = _classify(grid, dhfs, tables, corners, BLOCK_SIDE)
+    rows, mixed, _ = _classify(grid, dhfs, tables, corners, BLOCK_SIDE)
     blocks = np.full([n + 1 for n in n_blocks], OUTSIDE_ROW, dtype=np.int32)
-    blocks[:-1, :-1, :-1] = coarse.rows.reshape(n_blocks)
+    blocks[:-1, :-1, :-1] = rows.reshape(n_blocks)
 
     # Coordinates first in memory, as in `np.indices`: numpy is slow along rows of three.
-    corners = corners.T.take(coarse.mixed, axis=1)[..., None] + BRICK_SIDE * NODE_OFFSETS.T[:, None]
+    corners = corners.T.take(mixed, axis=1)[..., None] + BRICK_SIDE * NODE_OFFSETS.T[:, None]
     corners = corners.reshape(3, -1).T
     rows, mixed, relevant = _classify(grid, dhfs, tables, corners, BRICK_SIDE)
-    no_surface = [np.full((1, 64), row, np.int32) for row in (OUTSIDE_ROW, INSIDE_ROW)]
-    bricks = np.concatenate([*no_surface, rows.reshape(-1, 64)])
+    no_surface = [np.full((1, BRICKS_PER_BLOCK), row, np.int32) for row in (OUTSIDE_ROW, INSIDE_ROW)]
+    bricks = np.concatenate([*no_surface, rows.reshape(-1, BRICKS_PER_BLOCK)])
 
     corners = np.concatenate([np.zeros((2, 3), np.int32), corners[mixed]])
     relevant = np.concatenate([np.zeros((*relevant.shape[:2], 2), bool), relevant[..., mixed]], axis=2)
@@ -120,7 +121,8 @@ class Classified(NamedTuple):
     """Which of N cubes of nodes (blocks or bricks) are outside, inside, or neither.
 
     rows: (N,) OUTSIDE_ROW, INSIDE_ROW, or FIRST_BRICK_ROW, FIRST_BRICK_ROW + 1, ... in turn. mixed: (M,) numbers of the
-    cubes that are neither. relevant: (DHFs, 2, N) whether z - near and far - z of a DHF may be below MAX_MAGNITUDE.
+    cubes that are neither. relevant: (DHFs, 2, N) whether z - near and far - z of a DHF may be below MAX_MAGNITUDE
+    spacings.
     """
 
     rows: I32

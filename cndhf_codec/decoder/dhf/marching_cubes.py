@@ -199,7 +199,7 @@ def _triangles(case: int) -> list[Triangle]:
 
 
 def _triangulated(loop: list[int]) -> list[Triangle] | None:
-    """A polygon of edge numbers as triangles, without diagonals within a face of the cell; None if there are none."""
+    """A polygon of edge numbers as triangles, without diagonals within a face of the cell; None if impossible."""
     last = len(loop) - 1
     if last < 2:
         return []
