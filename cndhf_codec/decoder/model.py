@@ -7,7 +7,7 @@ import os
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
+from typing import Any, BinaryIO, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +22,7 @@ from .dhf.field import implicit, implicit_gradient
 from .dhf.solid import DhfSolid
 from .limits import Limits
 from .parallel import over_rows
-
-if TYPE_CHECKING:
-    from .results import OccupancyGrid, RayHits, TriangleMesh
+from .results import OccupancyGrid, RayHits, TriangleMesh
 
 POINTS_AT_ONCE = 2**16
 # Points are clamped to this distance (normalised units; a DHF's box ends at 2), because float32 would overflow on
@@ -362,7 +360,6 @@ class Model:
         array([92.1,  inf])
         """
         from .dhf.rays import first_crossings
-        from .results import RayHits
 
         from_, along = (vectors(a, 3) for a in (origins, directions))
         try:
@@ -582,8 +579,6 @@ class Model:
         >>> grid.shape, round(spacing, 1)
         ((22, 16, 11), 5.1)
         """
-        from .results import OccupancyGrid
-
         resolution = self.limits.check(self.container, resolution)
         self._warn_of_thin_walls(resolution)
         grid, origin, spacing = self._solid.occupancy(resolution, self.limits)

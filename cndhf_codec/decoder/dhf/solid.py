@@ -33,7 +33,7 @@ class RoughSurface(NamedTuple):
 
 
 class DhfSolid:
-    """What the decoder knows of the solid of one file. May be used from several threads at once."""
+    """The solid of one file, with tables that are made once. May be used from several threads at once."""
 
     def __init__(self, records: Sequence[DhfRecord]) -> None:
         self.dhfs = [Dhf(record) for record in records]
