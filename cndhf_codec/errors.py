@@ -1,6 +1,13 @@
-"""The exception family: every error this package raises on purpose is a `CndhfError`.
+"""The errors: every exception that this package raises on purpose is a `CndhfError`.
 
-Messages are one line, name the file or the field, and say what to do where something can be done.
+Messages are one line. They name the file or the field, and say what to do when something can be done.
+
+>>> import cndhf_codec
+>>> try:
+...     cndhf_codec.loads(b"no such file")
+... except cndhf_codec.CndhfError as exc:
+...     print(type(exc).__name__, exc)
+SignatureError this is not a .cndhf file (wrong signature)
 """
 
 from __future__ import annotations
@@ -10,87 +17,92 @@ from types import ModuleType
 
 
 class CndhfError(Exception):
-    """Base of all errors raised on purpose by this package."""
+    """Base of all errors below: catch it to handle whatever this package raises on purpose."""
 
 
 class CndhfWarning(UserWarning):
-    """What had to be assumed, and what a user should know of before trusting a result."""
+    """Warned when a result may not be what was wanted: an assumption about the input, thin walls lost, a fallback."""
 
 
 class FormatError(CndhfError):
-    """The bytes are not a valid `.cndhf` file. Base of the errors below."""
+    """Base of the errors down to PayloadError, raised when bytes are not a valid `.cndhf` file."""
 
 
 class SignatureError(FormatError):
-    """The file does not start with the `.cndhf` signature."""
+    """Raised when a file does not start with the `.cndhf` signature: it is something else."""
 
 
 class TextModeError(SignatureError):
-    """The signature shows that line endings or high bits were changed in transfer."""
+    """Raised when the signature shows that a transfer has changed line endings or high bits."""
 
 
 class VersionError(FormatError):
-    """The file's format version is not one this decoder reads."""
+    """Raised when a file has a format version that this decoder does not read."""
 
 
 class TruncatedError(FormatError):
-    """The file ends before the data that its header announces."""
+    """Raised when a file ends before the data that its header announces."""
 
 
 class TrailingDataError(FormatError):
-    """The file goes on after its checksum."""
+    """Raised when there are bytes after a file's checksum."""
 
 
 class ChecksumError(FormatError):
-    """The CRC-32 at the end of the file does not match the bytes before it."""
+    """Raised when the CRC-32 at the end of a file does not match the bytes before it: the file was damaged."""
 
 
 class FieldError(FormatError):
-    """A header, record or metadata field holds a value outside its range."""
+    """Raised when a field of the header, a record or the metadata holds a value outside its range."""
 
 
 class LimitError(FormatError):
-    """A count is larger than the format allows."""
+    """Raised when a count or a size is larger than the format allows, before anything of that size is allocated."""
 
 
 class SectionError(FormatError):
-    """A section is missing, repeated, of unknown mandatory kind or of unknown codec."""
+    """Raised when a section is missing, repeated, too short or too long, or of an unknown kind or codec."""
 
 
 class PayloadError(FormatError):
-    """The compressed weight symbols cannot be decompressed to their announced size."""
+    """Raised when the compressed weights cannot be decompressed to as many symbols as the records need."""
 
 
 class MeshError(CndhfError):
-    """The input mesh cannot be read or does not describe a solid."""
+    """Raised when an input mesh cannot be read, or does not describe a solid."""
 
 
 class OptionError(CndhfError, ValueError):
-    """An argument or option is outside its range."""
+    """Raised when an argument or an option has a wrong type or value; a ValueError, too."""
 
 
 class InputError(CndhfError):
-    """The input file cannot be opened or read."""
+    """Raised when an input file cannot be opened or read."""
 
 
 class OutputError(CndhfError):
-    """The output cannot be written, or exists already."""
+    """Raised when an output cannot be written, or exists and may not be overwritten."""
 
 
 class SurfaceError(CndhfError):
-    """No surface can be extracted at the resolution asked for."""
+    """Raised when no surface can be made: the solid is empty or too thin for the resolution, or beyond the limits."""
 
 
 class EncodeError(CndhfError):
-    """The encoder could not make a model of the mesh."""
+    """Raised when the encoder cannot make a model of a mesh."""
 
 
 class MissingExtraError(CndhfError, ImportError):
-    """A library that belongs to an optional extra of this package is not installed."""
+    """Raised when a library is not installed that an optional extra of this package brings; an ImportError, too."""
 
 
 def require(module: str, extra: str) -> ModuleType:
-    """Import `module`, or raise `MissingExtraError` naming the extra that brings it."""
+    """Import a module, or raise MissingExtraError with the extra that brings it.
+
+    >>> from cndhf_codec.errors import require
+    >>> require("numpy", "mesh").__name__
+    'numpy'
+    """
     try:
         return importlib.import_module(module)
     except ImportError as exc:

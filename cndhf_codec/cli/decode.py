@@ -73,7 +73,7 @@ def command(
     """
     from ..decoder.gridfile import write_grid
     from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
-    from ..decoder.model import RESOLUTION, load, load_stream
+    from ..decoder.model import DEFAULT_RESOLUTION, load, load_stream
 
     if target is None and occupancy is None:
         raise OptionError("nothing to write: name an OUTPUT mesh, or --occupancy GRID.npz")
@@ -82,7 +82,7 @@ def command(
         raise OptionError("--format belongs to the OUTPUT -: a file's extension says its format")
     if lod is not None and (target is None or to_stream or method == "intersection"):
         raise OptionError("--lod needs an OUTPUT file, to name its levels after, and marching cubes")
-    cells = RESOLUTION if resolution is None else resolution
+    cells = DEFAULT_RESOLUTION if resolution is None else resolution
     levels = {} if target is None else {target: resolution} if lod is None else _levels(target, cells, lod)
     for path in levels:
         if normals:

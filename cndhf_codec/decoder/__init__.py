@@ -1,4 +1,7 @@
-"""Container -> heights, occupancy, surfaces. numpy and zstandard; the `mesh` extra only for surfaces."""
+"""Contents of a file -> queries, grids and surfaces. Needs numpy and zstandard; meshes need the `mesh` extra.
+
+What every representation shares stands here, with `Model` in front of it; what is about height fields, in dhf/.
+"""
 
 from .model import Model, load, loads, loads_prefix
 

@@ -11,37 +11,61 @@ import numpy as np
 from ..arrays import F64, I64
 from ..errors import OptionError, require
 from ..files import write_atomically
+from .arguments import path_like
 
-WITH_NORMALS = {"ply": "vertex_normal", "obj": "include_normals", "glb": "include_normals"}  # trimesh's options
 EXTENSIONS = (".ply", ".obj", ".stl", ".off", ".glb")
-FINE = 1e-6  # of the mesh's size: rounding that no one will miss
+NORMALS_OPTIONS = {"ply": "vertex_normal", "obj": "include_normals", "glb": "include_normals"}  # of trimesh's exporters
+NEGLIGIBLE_ROUNDING = 1e-6  # of the mesh's longest side
 
 
 def check_extension(path: str | os.PathLike[str]) -> str:
-    """The format that a path's extension names, in lower case. Raises OptionError for one not written."""
-    suffix = Path(path).suffix.lower()
+    """The path's extension in lower case, without its dot. Raises OptionError for a format that is not written."""
+    suffix = Path(path_like(path)).suffix.lower()
     if suffix not in EXTENSIONS:
         raise OptionError(f"{Path(path)}: unknown mesh extension; these are written: {', '.join(EXTENSIONS)}")
     return suffix[1:]
 
 
 def check_normals(path: str | os.PathLike[str]) -> None:
-    """Raises OptionError when the format of a path's extension holds no vertex normals."""
-    if check_extension(path) not in WITH_NORMALS:
+    """Raise OptionError when the path's format holds no vertex normals."""
+    if check_extension(path) not in NORMALS_OPTIONS:
         raise OptionError(f"{Path(path)}: this format holds no vertex normals; .ply, .obj and .glb do")
 
 
 def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[bytes, str | None]:
-    """The bytes of a mesh file, and a line of warning where the format cannot keep the precision: STL, float32.
+    """The bytes of a mesh file, and a warning when the format cannot keep the precision of the coordinates.
 
-    extension: one of `EXTENSIONS` without its dot. Far from the origin, where float32 would round the coordinates by
-    more than a millionth of the mesh's size, a PLY holds float64 and a GLB moves its mesh by a node's transform.
+    At a great distance from the origin, float32 rounds coordinates by more than a millionth of the mesh's size. A PLY
+    then holds float64, and a GLB moves its mesh by the transform of a node; STL has float32 only, hence the warning.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        The mesh.
+    extension : str
+        One of `EXTENSIONS`, without its dot.
+    with_normals : bool
+        Write vertex normals, too.
+
+    Returns
+    -------
+    data : bytes
+    warning : str or None
+
+    Examples
+    --------
+    >>> import cndhf_codec
+    >>> from cndhf_codec.decoder.meshfile import mesh_bytes
+    >>> mesh = cndhf_codec.load("tests/golden/encoded.cndhf").to_mesh(16)
+    >>> data, warning = mesh_bytes(mesh, "off")
+    >>> data[:3], warning
+    (b'OFF', None)
     """
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
     normals = np.asarray(mesh.vertex_normals) if with_normals else None
     size = float(np.ptp(vertices, axis=0).max())
     rounding = float(np.spacing(np.float32(np.abs(vertices).max())) / 2)
-    coarse = rounding > FINE * size
+    coarse = rounding > NEGLIGIBLE_ROUNDING * size
     if extension == "obj":
         return _obj(vertices, faces, normals), None
     if extension == "off":
@@ -50,7 +74,7 @@ def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[b
         return _double_ply(vertices, faces, normals), None
     if extension == "glb" and coarse:
         return _moved_glb(vertices, faces, normals), None
-    options = {WITH_NORMALS[extension]: with_normals} if extension in WITH_NORMALS else {}
+    options = {NORMALS_OPTIONS[extension]: with_normals} if extension in NORMALS_OPTIONS else {}
     data = mesh.export(file_type=extension, **options)
     if not coarse:
         return data, None
@@ -63,9 +87,38 @@ def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[b
 def write_mesh(
     mesh: Any, path: str | os.PathLike[str], overwrite: bool = False, with_normals: bool = False
 ) -> str | None:
-    """Write a `trimesh.Trimesh`, whole or not at all; with_normals: and its vertex normals.
+    """Write a mesh file. When that fails, nothing is left, and an older file stays as it was.
 
-    Returns the warning of `mesh_bytes`, after the path. Raises OptionError or OutputError.
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        The mesh.
+    path : str or path-like
+        Where to; its extension, one of `EXTENSIONS`, says the format.
+    overwrite : bool
+        Replace a file that exists.
+    with_normals : bool
+        Write vertex normals, too.
+
+    Returns
+    -------
+    str or None
+        The warning of `mesh_bytes`, after the path.
+
+    Raises
+    ------
+    OptionError
+        When the path is of another type or extension, or its format holds no normals.
+    OutputError
+        When the file cannot be written, or exists and may not be overwritten.
+
+    Examples
+    --------
+    >>> import cndhf_codec, tempfile
+    >>> from cndhf_codec.decoder.meshfile import write_mesh
+    >>> mesh = cndhf_codec.load("tests/golden/encoded.cndhf").to_mesh(16)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_mesh(mesh, f"{folder}/bracket.ply")
     """
     extension = check_extension(path)
     if with_normals:
@@ -89,13 +142,14 @@ def _off(vertices: F64, faces: I64) -> bytes:
 
 
 def _coordinates(start: str, vertices: F64) -> str:
-    """Lines with as many digits as a float32 has at the origin, and more far from it."""
-    far = np.log10(np.abs(vertices).max() / np.ptp(vertices, axis=0).max())
-    digits = min(9 + max(0, int(np.ceil(far))), 17)
+    """Lines of coordinates, each with the digits of a float32, and more at a great distance from the origin."""
+    distance = np.log10(np.abs(vertices).max() / np.ptp(vertices, axis=0).max())
+    digits = min(9 + max(0, int(np.ceil(distance))), 17)
     return "".join([f"{start}{x:.{digits}g} {y:.{digits}g} {z:.{digits}g}\n" for x, y, z in vertices.tolist()])
 
 
 def _numbers(start: str, faces: I64) -> str:
+    """Lines of three vertex numbers."""
     return "".join([f"{start} {a} {b} {c}\n" for a, b, c in faces.tolist()])
 
 
@@ -116,8 +170,8 @@ def _moved_glb(vertices: F64, faces: I64, normals: F64 | None) -> bytes:
     trimesh = require("trimesh", "mesh")
     middle = vertices.min(axis=0) / 2 + vertices.max(axis=0) / 2
     scene = trimesh.Scene()
-    at = np.eye(4)
-    at[:3, 3] = middle
+    transform = np.eye(4)
+    transform[:3, 3] = middle
     moved = trimesh.Trimesh(vertices - middle, faces, vertex_normals=normals, process=False)
-    scene.add_geometry(moved, transform=at)
+    scene.add_geometry(moved, transform=transform)
     return scene.export(file_type="glb", include_normals=normals is not None)

@@ -1,85 +1,151 @@
-"""The decoded model: queries and surfaces in input coordinates."""
+"""The decoded model: queries and surfaces in the coordinates of the mesh that was encoded."""
 
 from __future__ import annotations
 
 import math
 import os
-import threading
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
+from typing import Any, BinaryIO, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
-from ..arrays import F32
+from ..arrays import F32, Mask
 from ..errors import CndhfWarning, FormatError, InputError, LimitError, OptionError, SurfaceError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
-from .dhf.field import Dhf, implicit, implicit_gradient
+from .arguments import bytes_like, chunks, length, path_like, real_number, rows, vectors, whole_number
+from .dhf.field import implicit, implicit_gradient
+from .dhf.solid import DhfSolid
 from .limits import Limits
 from .parallel import over_rows
+from .results import OccupancyGrid, RayHits, TriangleMesh
 
-if TYPE_CHECKING:
-    from .dhf.cells import CellGrid
-    from .dhf.isosurface import Tabled
-    from .dhf.rays import RayHits
-    from .dhf.thickness import Thickness
-
-# What only surfaces, many points or rays need is imported where it is used: to load a file should cost little.
-
-CHUNK = 2**16  # points evaluated at once
-# Normalised units; a DHF's box ends at 2. However far a point is, it is outside: float32 must not overflow on the way
-# to saying so.
-FAR = np.float32(2**20)
-CELLS_FROM = 2**18  # points asked for, over all calls, from which on cells are worth the time to make them
-RESOLUTION = 256  # of a surface, unless another is asked for
-ROUGH = 128  # resolution of the surface that an intersection is checked against
-KEPT = 512  # resolution up to which the height tables of the last surface are kept: some megabytes
-DEFAULT_ERROR = "0.02%"  # of an intersection: less than what the smallest files lose, by far
+POINTS_AT_ONCE = 2**16
+# Points are clamped to this distance (normalised units; a DHF's box ends at 2), because float32 would overflow on
+# greater ones. They stay outside.
+MAX_COORDINATE = np.float32(2**20)
+POINTS_WORTH_CELLS = 2**18  # points asked for, over all calls, from which on cells save more time than they take
+DEFAULT_RESOLUTION = 256
+DEFAULT_MAX_ERROR = "0.02%"  # of an intersection: far less than what the smallest files lose
 
 
 class Model:
-    """A solid as the intersection of double height fields.
+    """The solid of a `.cndhf` file, for queries of points and rays, and for surfaces.
 
-    Points go in, and surfaces and distances come out, in the coordinates and units of the mesh that was encoded.
-    Points may be float32 or float64; far from the origin only float64 can say them. All queries work in pieces:
-    besides what goes in and comes out they hold 60 MB at most, whatever the number of points, 8 MB more for each
-    processor after the second, and for a moment a megabyte for each double height field. A model may be used from
-    several threads at once.
+    All coordinates and lengths are those of the mesh that was encoded, in its units ("input coordinates"). Only
+    `heights` and `surface` use the normalised frame, (p - centre) / scale, with `centre` and `scale` from `info`.
+    Points may be float32 or float64; at a great distance from the origin only float64 has the digits they need.
 
-    limits: how much the file may ask for when a surface or a grid is made; set it to others at will.
+    Queries work in pieces. Besides their arguments and results they hold at most 60 MB, whatever the number of points,
+    8 MB per processor after the second, and for a moment 1 MB per double height field. A model may be used from several
+    threads at once.
+
+    Models are made by `load`, `loads`, `loads_prefix` and `encode`.
+
+    Parameters
+    ----------
+    container : format.Container
+        The contents of a file.
+    sections : dict of str to int, optional
+        Sizes of the sections of the file that the container was read from, as `format.section_sizes` gives them.
+    limits : Limits, optional
+        How much work and memory surfaces and grids may take.
+
+    Attributes
+    ----------
+    container : format.Container
+        The contents of the file.
+    report : Report or None
+        What `encode` did and had to assume; None for a model that was read from a file.
+
+    Raises
+    ------
+    OptionError
+        When an argument has another type.
+
+    Examples
+    --------
+    >>> import cndhf_codec
+    >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+    >>> model.contains([[10, 5, 5], [0, 0, 100]])
+    array([ True, False])
     """
 
     def __init__(
         self, container: fmt.Container, sections: dict[str, int] | None = None, limits: Limits | None = None
     ) -> None:
-        """sections: of the file that the container was read from, where it was; as `fmt.section_sizes` gives them."""
+        if not isinstance(container, fmt.Container):
+            raise OptionError(f"a format.Container is needed; got {type(container).__name__}: see load and loads")
         self.container = container
-        self.limits = limits or Limits()
+        self.limits = Limits() if limits is None else limits
         self._sections = sections
-        self._dhfs = [Dhf(record) for record in container.dhfs]
+        self._solid = DhfSolid(container.dhfs)
         self._centre = np.array(container.centre, dtype=np.float64)
-        self._cells: CellGrid | None = None
-        self._tables: tuple[int, Tabled] | None = None
-        self._thickness: tuple[Thickness | None] | None = None  # None: not looked for yet
-        self._asked = 0
-        self._lock = threading.Lock()
-        self.report: Any = None  # what `encode` did, a `cndhf_codec.Report`; None for a model that was read
+        self._points_asked = 0
+        # What `encode` did, a `cndhf_codec.Report`; None for a model that was read.
+        self.report: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A lock cannot be copied, and cells can be made again.
-        return Model, (self.container, self._sections, self.limits)
+        # Cells and tables can be made again, and their lock cannot be copied.
+        return Model, (self.container, self._sections, self.limits), {"report": self.report}
+
+    @property
+    def limits(self) -> Limits:
+        """How much work and memory surfaces and grids may take; may be replaced at any time.
+
+        Raises OptionError when it is set to anything but `Limits`.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> model.limits = cndhf_codec.Limits(resolution=512)
+        >>> model.limits.resolution
+        512
+        """
+        return self._limits
+
+    @limits.setter
+    def limits(self, limits: Limits) -> None:
+        if not isinstance(limits, Limits):
+            raise OptionError(f"limits is {limits!r}; a Limits is needed")
+        self._limits = limits
 
     @property
     def info(self) -> dict[str, Any]:
-        """What the file holds: version-independent names, plain Python values, errors in input units."""
+        """What the file holds, in plain Python values.
+
+        Returns
+        -------
+        dict
+            bytes, sections
+                Size of the file, and of each of its sections.
+            dhfs
+                For each double height field: axis (3 floats), mirrored ("u", "v"), width, hidden_layers, parameters and
+                bounds (of u, v, z in its frame, normalised units).
+            parameters, bits_per_parameter
+                Weights of all networks, and the file's size in bits divided by their number.
+            centre, scale
+                Of the normalised frame: a point p of input coordinates is (p - centre) / scale there.
+            encoder, source
+                Names that the encoder stored, or None.
+            mean_error, p99_error, max_error
+                Distances from the encoded mesh in input units, or None: mean, 99th percentile and maximum.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> info = cndhf_codec.load("tests/golden/encoded.cndhf").info
+        >>> info["bytes"], info["parameters"], len(info["dhfs"])
+        (1232, 804, 2)
+        """
         c = self.container
         parameters = sum(d.parameters for d in c.dhfs)
-        # A copy can have another size: sections that this version does not know, another zstd release.
+        # What `dumps` gives can have another size: without unknown sections, with another release of zstd.
         sections = fmt.section_sizes(self.dumps()) if self._sections is None else self._sections
         size = sum(sections.values())
         return {
@@ -107,19 +173,42 @@ class Model:
             "source": c.metadata.source,
         }
 
-    def heights(self, i: int, uv: npt.ArrayLike) -> npt.NDArray[np.float32]:
-        """Near and far height of DHF `i`.
+    def heights(self, i: int, uv: npt.ArrayLike) -> F32:
+        """Near and far height of a double height field over its plane.
 
-        uv: (..., 2), in the rotated normalised frame of that DHF; values outside its domain are clamped to it.
-        Returns (..., 2) float32, near then far, in the same frame. Empty where far < near.
-        Raises OptionError when there is no DHF `i` or the last dimension is not 2.
+        Parameters
+        ----------
+        i : int
+            Number of the double height field, from 0.
+        uv : array_like, shape (..., 2)
+            Points of the plane, in the field's own frame: normalised and rotated, normalised units. Those outside the
+            field's domain are clamped to it.
+
+        Returns
+        -------
+        ndarray of float32, shape (..., 2)
+            Near and far height in the same frame. The solid is where near <= z <= far; nowhere, where far < near.
+
+        Raises
+        ------
+        OptionError
+            When there is no field `i`, or uv is not an array of numbers of that shape.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> model.heights(0, [[0.5, 0.1], [0.0, 0.2]]).round(1)
+        array([[ 0.1,  0.3],
+               [-0.3,  0.1]], dtype=float32)
         """
-        if not 0 <= i < len(self._dhfs):
-            raise OptionError(f"there is no DHF {i}; this model has {len(self._dhfs)}")
-        array = _last_dimension(uv, 2)
+        i = whole_number(i, "the number of a DHF")
+        if not 0 <= i < len(self._solid.dhfs):
+            raise OptionError(f"there is no DHF {i}; this model has {len(self._solid.dhfs)}")
+        array = vectors(uv, 2)
         out = np.empty((array.size // 2, 2), dtype=np.float32)
-        for first, last in _chunks(len(out)):
-            out[first:last] = self._dhfs[i].heights(_rows(array, first, last).astype(np.float32))
+        for first, last in chunks(len(out), POINTS_AT_ONCE):
+            out[first:last] = self._solid.dhfs[i].heights(rows(array, first, last).astype(np.float32))
         return out.reshape(array.shape)
 
     @overload
@@ -129,111 +218,186 @@ class Model:
     def implicit(self, points: npt.ArrayLike, gradient: Literal[True]) -> tuple[F32, F32]: ...
 
     def implicit(self, points: npt.ArrayLike, gradient: bool = False) -> F32 | tuple[F32, F32]:
-        """The implicit function f at points (..., 3) in input coordinates -> (...,) float32 in input units.
+        """The implicit function f: positive inside the solid, zero on its surface, negative outside.
 
-        Positive inside, zero on the surface, negative outside. f / |grad f| approximates the distance.
-        gradient: return (f, grad f) with grad f (..., 3) float32, by input coordinates: analytic, and that of one
-        side where f has a crease. -grad f / |grad f| is the surface's outward normal.
-        Raises OptionError when the last dimension is not 3.
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in input coordinates.
+        gradient : bool
+            Return the gradient of f, too.
+
+        Returns
+        -------
+        f : ndarray of float32, shape (...)
+            In input units. Close to the surface, f / |grad f| approximates the distance from it.
+        gradient : ndarray of float32, shape (..., 3), only if asked for
+            By input coordinates, analytic. Where f has a crease, that of one side. -grad f / |grad f| is the outward
+            normal of the surface.
+
+        Raises
+        ------
+        OptionError
+            When points is not an array of numbers of that shape.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> model.implicit([[10, 5, 5], [3, 3, 3]]).round()
+        array([ 4., -5.], dtype=float32)
+        >>> f, gradient = model.implicit([10, 5, 5], gradient=True)
+        >>> gradient.shape
+        (3,)
         """
-        array = _last_dimension(points, 3)
+        array = vectors(points, 3)
         out = np.empty(array.size // 3, dtype=np.float32)
         slope = np.empty((len(out) if gradient else 0, 3), dtype=np.float32)
-        for first, last in _chunks(len(out)):
-            p = np.clip(self._normalised(_rows(array, first, last)), -FAR, FAR)
+        for first, last in chunks(len(out), POINTS_AT_ONCE):
+            p = np.clip(self._normalised(rows(array, first, last)), -MAX_COORDINATE, MAX_COORDINATE)
             if gradient:
-                f, slope[first:last] = implicit_gradient(self._dhfs, p)
+                f, slope[first:last] = implicit_gradient(self._solid.dhfs, p)
             else:
-                f = implicit(self._dhfs, p)
+                f = implicit(self._solid.dhfs, p)
             out[first:last] = f * np.float32(self.container.scale)
-        # By input coordinates, in input units: the scale of one cancels that of the other.
+        # The gradient has no scale: that of f and that of the coordinates cancel.
         shaped = out.reshape(array.shape[:-1])
         return (shaped, slope.reshape(array.shape)) if gradient else shaped
 
-    def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether points (..., 3) in input coordinates lie in the solid or on its surface -> (...,) bool.
+    def contains(self, points: npt.ArrayLike) -> Mask:
+        """Whether points lie inside the solid or on its surface.
 
-        As `implicit(points) >= 0`, to the rounding of float32, but networks are evaluated near the surface only: many
-        points cost a tenth of the time each. What is near is tabulated (2 MB) once many points were asked for.
-        Raises OptionError when the last dimension is not 3.
+        The same as `implicit(points) >= 0`, up to the rounding of float32. For many points it takes a tenth of the
+        time: a table of 2 MB is made then, and networks are evaluated next to the surface only.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in input coordinates.
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+
+        Raises
+        ------
+        OptionError
+            When points is not an array of numbers of that shape.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> model.contains([[10, 5, 5], [30, 3, 3], [3, 3, 3]])
+        array([ True,  True, False])
         """
-        array = _last_dimension(points, 3)
+        array = vectors(points, 3)
         out = np.empty(array.size // 3, dtype=bool)
-        self._asked += len(out)  # two threads at once may lose a count, which does no harm
-        if self._cells is None and self._asked < CELLS_FROM:
+        self._points_asked += len(out)  # two threads at once may lose a count, which does no harm
+        if not self._solid.has_cells and self._points_asked < POINTS_WORTH_CELLS:
             return np.asarray(self.implicit(array) >= 0)
-        cells = self._cell_grid()
+        cells = self._solid.cells()
 
         def work(first: int, last: int) -> None:
-            out[first:last] = cells.contains(self._normalised(_rows(array, first, last)))
+            out[first:last] = cells.contains(self._normalised(rows(array, first, last)))
 
-        over_rows(work, len(out), CHUNK)
+        over_rows(work, len(out), POINTS_AT_ONCE)
         return out.reshape(array.shape[:-1])
 
-    def ray_intersect(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
-        """Where rays first cross the surface: (distance, point, normal), in input coordinates and units.
+    def normals(self, points: npt.ArrayLike) -> F32:
+        """Outward normals of the surface.
 
-        origins, directions: (..., 3), of shapes that broadcast to one; directions of any finite length but zero.
-        distance: (...,), at least 0, in input units and not in lengths of the direction; inf where a ray misses, and
-        where it is not finite or its direction is zero. point, normal: (..., 3), NaN there. All are float32 when
-        both arguments are, else float64. Normals face outward and are of length one.
-        A ray that starts inside hits where it leaves the solid; its normal then points along it. One that starts on
-        the surface may hit there.
-        With s the longest side of the solid's box: points are within 2e-6 s of the surface, and so are distances but
-        where a ray grazes it; float32 adds its own rounding, far from the origin more than that. Where a ray goes in
-        and out again within s / 1000, both crossings may be missed.
-        Raises OptionError when a last dimension is not 3 or the shapes do not broadcast.
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points on the surface, or close to it, in input coordinates.
+
+        Returns
+        -------
+        ndarray of float32, shape (..., 3)
+            Of length one; on a crease, the normal of one side.
+
+        Raises
+        ------
+        OptionError
+            When points is not an array of numbers of that shape.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> bool(model.normals([20, 10, 7.92])[2] > 0.9)
+        True
         """
-        from .dhf.rays import RayHits, first_crossings
+        return _outward(self.implicit(points, gradient=True)[1])
 
-        from_, along = (_last_dimension(a, 3) for a in (origins, directions))
+    def ray_intersect(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
+        """Where rays first cross the surface.
+
+        A ray that starts inside the solid hits where it leaves it, and the normal there points along the ray. A ray
+        that starts on the surface may hit there.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (..., 3)
+            In input coordinates, of shapes that broadcast to one. Directions may have any length but zero.
+
+        Returns
+        -------
+        RayHits
+            distance (...), point (..., 3) and normal (..., 3), in input coordinates and units; float32 when both
+            arguments are, else float64. The distance is inf, and the rest NaN, where a ray misses, has a number that is
+            not finite, or has no direction.
+
+        Raises
+        ------
+        OptionError
+            When an argument is not an array of numbers of that shape, or the shapes do not broadcast.
+
+        Notes
+        -----
+        With s the longest side of the solid's box, points are within 2e-6 s of the surface; so are distances, unless
+        the ray grazes it. float32 adds its own rounding, which grows with the distance from the origin. Where a ray
+        enters and leaves the solid within s / 1000, both crossings may be missed.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> hits = model.ray_intersect([[20, 10, 100], [20, 80, 100]], [0, 0, -1])
+        >>> hits.distance.round(1)
+        array([92.1,  inf])
+        """
+        from .dhf.rays import first_crossings
+
+        from_, along = (vectors(a, 3) for a in (origins, directions))
         try:
             shape = np.broadcast_shapes(from_.shape, along.shape)
         except ValueError as exc:
             raise OptionError(f"origins {from_.shape} and directions {along.shape} do not broadcast") from exc
-        start, way = (np.broadcast_to(a, shape) for a in (from_, along))
-        dtype = np.dtype(np.float32 if start.dtype == way.dtype == np.float32 else np.float64)
-        n = start.size // 3
+        from_, along = (np.broadcast_to(a, shape) for a in (from_, along))
+        dtype = np.dtype(np.float32 if from_.dtype == along.dtype == np.float32 else np.float64)
+        n = from_.size // 3
         distance = np.full(n, np.inf, dtype)
         point, normal = (np.full((n, 3), np.nan, dtype) for _ in range(2))
-        cells = self._cell_grid()
-        for at, last in _chunks(n):
-            o, d = (_rows(a, at, last).astype(np.float64) for a in (start, way))
+        cells = self._solid.cells()
+        for first, last in chunks(n, POINTS_AT_ONCE):
+            o, d = (rows(a, first, last).astype(np.float64) for a in (from_, along))
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                d /= np.abs(d).max(axis=1, keepdims=True)  # its square may be too large or too small a number
+                d /= np.abs(d).max(axis=1, keepdims=True)  # else its square may overflow or vanish
                 d /= np.linalg.norm(d, axis=1, keepdims=True)
             p = (o - self._centre) / self.container.scale
             t = first_crossings(cells, p, d)
             hit = np.flatnonzero(np.isfinite(t))
-            _, g = implicit_gradient(self._dhfs, (p[hit] + t[hit, None] * d[hit]).astype(np.float32))
+            _, g = implicit_gradient(self._solid.dhfs, (p[hit] + t[hit, None] * d[hit]).astype(np.float32))
             t *= self.container.scale
-            distance[at + hit], normal[at + hit] = t[hit], _outward(g)
-            point[at + hit] = o[hit] + t[hit, None] * d[hit]
+            distance[first + hit], normal[first + hit] = t[hit], _outward(g)
+            point[first + hit] = o[hit] + t[hit, None] * d[hit]
         return RayHits(distance.reshape(shape[:-1]), point.reshape(shape), normal.reshape(shape))
 
-    def _cell_grid(self) -> CellGrid:
-        from .dhf.cells import CellGrid
-
-        with self._lock:  # the first thread makes it, others wait
-            if self._cells is None:
-                self._cells = CellGrid(self._dhfs)
-            return self._cells
-
-    def _grid(self, resolution: int) -> Tabled:
-        """The grid of a resolution and the height tables that go with it, which the next surface may want again."""
-        from .dhf.isosurface import make_grid
-
-        with self._lock:
-            if self._tables is None or self._tables[0] != resolution:
-                made = resolution, make_grid(self._dhfs, resolution)
-                if resolution > KEPT:
-                    return made[1]
-                self._tables = made
-            return self._tables[1]
-
     def _normalised(self, points: npt.NDArray[np.floating]) -> F32:
-        """(N, 3) points of input coordinates -> normalised frame; subtracted in float64."""
-        flat = points.reshape(-1)  # numpy is several times slower over rows of three
+        """Points (N, 3) of input coordinates in the normalised frame; subtracted in float64."""
+        flat = points.reshape(-1)  # numpy is several times slower along rows of three
         with np.errstate(over="ignore"):
             p = flat - np.tile(self._centre, len(points))
             p /= self.container.scale
@@ -247,115 +411,137 @@ class Model:
         faces: int | None = None,
         normals: bool = False,
     ) -> Any:
-        """The surface as a `trimesh.Trimesh` in input coordinates: watertight, facing outward.
+        """The surface as a mesh: watertight, facing outward. Needs the `mesh` extra.
 
-        resolution: marching-cubes cells along the longest side of the solid's box, 8 to 2048. Where neither this nor a
-        method is given, 256, but an intersection for a solid with walls thinner than a cell of that.
-        method: "marching-cubes", or "intersection", which triangulates each double height field and intersects the
-        solids: creases stay sharp, and far fewer triangles do. Should manifold3d fail, there is a CndhfWarning and the
-        result of marching cubes. So there is when walls are thinner than a cell of that and of the default resolution.
-        max_error: of an intersection, about the distance from the exact surface: a number in input units, or a string
-        "0.1%" of the solid's bounding box's diagonal; "0.02%", or a twentieth of thin walls, when neither this nor
-        `faces` is given.
-        faces: of an intersection, the most triangles, in place of max_error.
-        normals: set the mesh's vertex normals from the networks' analytic gradient.
-        Takes at most 512 MiB of memory, 256 bytes for each double height field and square of the resolution, and 250
-        bytes a vertex: see `limits`. An intersection takes 512 MiB and 1 KiB for each triangle of the double height
-        fields' solids: some hundred MiB, but up to 4 GiB for a field of noise.
-        Raises OptionError, SurfaceError, or MissingExtraError (the `mesh` extra).
+        Parameters
+        ----------
+        resolution : int, optional
+            Cells along the longest side of the solid's box, 8 to 2048. When neither this nor `method` is given, it is
+            256, and a solid with walls thinner than a cell of that is made by intersection instead.
+        method : {"marching-cubes", "intersection"}, optional
+            "intersection" triangulates each double height field and intersects the solids: creases stay sharp, and
+            there are far fewer triangles. Should that fail, the result is that of marching cubes, with a warning.
+        max_error : float or str, optional
+            For "intersection": about the greatest distance from the exact surface, as a number of input units or as
+            "0.1%" of the diagonal of the solid's bounding box. When neither this nor `faces` is given, it is "0.02%",
+            or a twentieth of the thickness of thin walls.
+        faces : int, optional
+            For "intersection": the most triangles, in place of max_error.
+        normals : bool
+            Set the mesh's vertex normals from the analytic gradient.
+
+        Returns
+        -------
+        trimesh.Trimesh
+            In input coordinates.
+
+        Raises
+        ------
+        OptionError
+            When an option has a wrong type or value, or options do not go together.
+        SurfaceError
+            When the solid is empty or too thin for the resolution, or asks for more than `limits` allow.
+        MissingExtraError
+            When trimesh or manifold3d is not installed.
+
+        Warns
+        -----
+        CndhfWarning
+            When walls are thinner than a cell of the resolution asked for, or the intersection has failed.
+
+        Notes
+        -----
+        Marching cubes takes at most 512 MiB of memory, 256 bytes per double height field and square of the resolution,
+        and 250 bytes per vertex. An intersection takes 512 MiB and 1 KiB per triangle of the double height fields'
+        solids: a few hundred MiB, but up to 4 GiB for a file of noise.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> mesh = model.to_mesh(32)
+        >>> mesh.is_watertight
+        True
+        >>> len(model.to_mesh(method="intersection", faces=500).faces) <= 500
+        True
         """
-        from .dhf import isosurface as surface  # here: a program that only asks for points should not wait for it
-
         chosen = method is not None or resolution is not None
-        cells = RESOLUTION if resolution is None else resolution
-        self.limits.check(self.container, cells)
+        resolution = self.limits.check(self.container, DEFAULT_RESOLUTION if resolution is None else resolution)
         trimesh = require("trimesh", "mesh")
         if method not in (None, "marching-cubes", "intersection"):
             raise OptionError(f"method is {method!r}; there are 'marching-cubes' and 'intersection'")
         if method != "intersection" and (max_error is not None or faces is not None):
             raise OptionError("max_error and faces belong to method 'intersection'")
         if method == "intersection":
-            vertices, triangles = self._intersection(max_error, faces, cells)
+            surface = self._intersection(max_error, faces, resolution)
         elif not chosen:
-            vertices, triangles = self.surface(cells)
+            surface = self.surface(resolution)
         else:
-            self._warn_of_thin(cells)
-            vertices, triangles = surface.marching_cubes(self._dhfs, self._grid(cells), self.limits)
+            self._warn_of_thin_walls(resolution)
+            surface = self._solid.isosurface(resolution, self.limits)
         # process=False: merging vertices by position could weld parts of the surface that only touch.
-        mesh = trimesh.Trimesh(vertices * self.container.scale + self._centre, triangles, process=False)
+        vertices = surface.vertices * self.container.scale + self._centre
+        mesh = trimesh.Trimesh(vertices, surface.faces, process=False)
         if normals:
             mesh.vertex_normals = self.normals(mesh.vertices)
         return mesh
 
-    def normals(self, points: npt.ArrayLike) -> F32:
-        """Outward unit normals (..., 3) at surface points (..., 3) in input coordinates; on a crease, that of one side.
+    def surface(self, resolution: int) -> TriangleMesh:
+        """The surface as arrays in the normalised frame.
 
-        Raises OptionError when the last dimension is not 3.
+        Parameters
+        ----------
+        resolution : int
+            Cells along the longest side of the solid's box, for marching cubes. When walls are thinner than a cell of
+            the default resolution, the surface is made by intersection, which needs the `mesh` extra.
+
+        Returns
+        -------
+        TriangleMesh
+            vertices (N, 3) float64 and faces (M, 3) int64, closed and facing outward.
+
+        Raises
+        ------
+        OptionError
+            When the resolution is not a whole number.
+        SurfaceError
+            As for `to_mesh`.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> vertices, faces = cndhf_codec.load("tests/golden/encoded.cndhf").surface(32)
+        >>> vertices.shape[1], faces.shape[1]
+        (3, 3)
         """
-        return _outward(self.implicit(points, gradient=True)[1])
+        resolution = whole_number(resolution, "resolution")
+        if self._solid.thinner_than_a_cell(DEFAULT_RESOLUTION):
+            return self._intersection(None, None, DEFAULT_RESOLUTION)
+        return self._solid.isosurface(resolution, self.limits)
 
-    def _intersection(
-        self, max_error: float | str | None, faces: int | None, resolution: int
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-        """In the normalised frame."""
-        from .dhf import intersection as solids
-        from .dhf import isosurface as surface
-
+    def _intersection(self, max_error: float | str | None, faces: int | None, resolution: int) -> TriangleMesh:
+        """The surface by intersection, or with a warning by marching cubes, should that fail."""
         if max_error is not None and faces is not None:
             raise OptionError("give max_error or faces, not both")
-        if faces is not None and not faces >= 4:
+        if faces is not None and not real_number(faces, "faces") >= 4:
             raise OptionError(f"faces is {faces}; a solid has at least 4")
-        rough = None
-        try:
-            rough = surface.marching_cubes(self._dhfs, self._grid(ROUGH), self.limits)
-            sides = np.ptp(rough[0], axis=0)
-        except SurfaceError:  # nothing as thick as a cell
-            grid = self._grid(ROUGH)[0]
-            sides = grid.spacing * (np.array(grid.shape) - 3)
-        diagonal = float(np.linalg.norm(sides))
+        rough = self._solid.rough_surface(self.limits)
         error = None
         if faces is None:
-            error = _length(DEFAULT_ERROR if max_error is None else max_error, diagonal, self.container.scale)
-            thin = self._thin(RESOLUTION)
+            error = length(DEFAULT_MAX_ERROR if max_error is None else max_error, rough.diagonal, self.container.scale)
+            thin = self._solid.thinner_than_a_cell(DEFAULT_RESOLUTION)
             if thin is not None and max_error is None:
                 error = min(error, thin.typical / 20)
         try:
-            found = solids.intersection(self._dhfs, error, None if faces is None else int(faces), self.limits)
-            if rough is not None:
-                # The two surfaces are apart by half a cell of the rough one at most, on average, and by the error; of
-                # few triangles no error is known.
-                volume = solids.volume(*rough)
-                allowed = volume / 2 if error is None else solids.area(*rough) * (diagonal / ROUGH / 2 + error)
-                if abs(solids.volume(*found) - volume) > allowed:
-                    raise SurfaceError("its volume is not that of the solid")
+            return self._solid.intersection(error, None if faces is None else int(faces), rough, self.limits)
         except SurfaceError as exc:
             warnings.warn(f"no intersection ({exc}); the surface is that of marching cubes", CndhfWarning, stacklevel=3)
-            self._warn_of_thin(resolution)
-            return surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
-        return found
+            self._warn_of_thin_walls(resolution)
+            return self._solid.isosurface(resolution, self.limits)
 
-    def surface(self, resolution: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-        """Vertices and triangles in the normalised frame: an intersection where walls are thinner than a cell of the
-        default resolution, else marching cubes at the one given."""
-        from .dhf import isosurface as surface
-
-        if self._thin(RESOLUTION):
-            return self._intersection(None, None, RESOLUTION)
-        return surface.marching_cubes(self._dhfs, self._grid(resolution), self.limits)
-
-    def _thin(self, resolution: int) -> Thickness | None:
-        """How thick the solid is, where a cell of this resolution is thicker."""
-        from .dhf.thickness import thickness
-
-        with self._lock:
-            if self._thickness is None:
-                self._thickness = (thickness(self._dhfs),)
-            found = self._thickness[0]
-        return found if found is not None and found.resolution > resolution else None
-
-    def _warn_of_thin(self, resolution: int) -> None:
-        # What any solid loses on a coarse grid goes without saying.
-        thin = self._thin(max(resolution, RESOLUTION))
+    def _warn_of_thin_walls(self, resolution: int) -> None:
+        # Against the default resolution at least: that a coarser grid loses thin walls needs no warning.
+        thin = self._solid.thinner_than_a_cell(max(resolution, DEFAULT_RESOLUTION))
         if thin is not None:
             warnings.warn(
                 f"parts of the solid, {thin.least * self.container.scale:.3g} thick, are thinner than a cell of "
@@ -365,72 +551,277 @@ class Model:
                 stacklevel=3,
             )
 
-    def occupancy(self, resolution: int = 256) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float64], float]:
+    def occupancy(self, resolution: int = DEFAULT_RESOLUTION) -> OccupancyGrid:
         """In/out at the nodes of a regular grid around the solid.
 
-        Returns (grid, origin, spacing): grid[i, j, k] tells whether origin + spacing * (i, j, k), in input
-        coordinates, is inside. A CndhfWarning says when parts of the solid are thinner than a cell. Takes the memory
-        of `to_mesh`, with 2 bytes a node in place of those of vertices.
-        Raises OptionError or SurfaceError.
-        """
-        from .dhf import isosurface as surface
+        Parameters
+        ----------
+        resolution : int
+            Cells along the longest side of the solid's box, 8 to 2048.
 
-        self.limits.check(self.container, resolution)
-        self._warn_of_thin(resolution)
-        grid, origin, spacing = surface.occupancy(self._dhfs, self._grid(resolution), self.limits)
+        Returns
+        -------
+        OccupancyGrid
+            grid, bool (nx, ny, nz); origin, float64 (3,); and spacing, a float. grid[i, j, k] tells whether the point
+            origin + spacing * (i, j, k), in input coordinates, is inside.
+
+        Raises
+        ------
+        OptionError
+            When the resolution is not a whole number, or out of range.
+        SurfaceError
+            When the solid is empty, or asks for more than `limits` allow.
+
+        Warns
+        -----
+        CndhfWarning
+            When parts of the solid are thinner than a cell.
+
+        Notes
+        -----
+        Takes as much memory as `to_mesh` by marching cubes, with 2 bytes per node in place of 250 per vertex.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> grid, origin, spacing = cndhf_codec.load("tests/golden/encoded.cndhf").occupancy(16)
+        >>> grid.shape, round(spacing, 1)
+        ((22, 16, 11), 5.1)
+        """
+        resolution = self.limits.check(self.container, resolution)
+        self._warn_of_thin_walls(resolution)
+        grid, origin, spacing = self._solid.occupancy(resolution, self.limits)
         scale = self.container.scale
-        return grid, origin * scale + self._centre, spacing * scale
+        return OccupancyGrid(grid, origin * scale + self._centre, spacing * scale)
 
     def prefix(self, n_dhfs: int) -> Model:
-        """The solid of the first `n_dhfs` double height fields: it holds the whole solid, and what later ones carve.
+        """The solid of the first double height fields alone, which contains the whole solid.
 
-        The same as `loads_prefix` gives of the file's first bytes, with this model's limits. Raises OptionError.
+        The same as `loads_prefix` makes of the first bytes of the file, with this model's limits.
+
+        Parameters
+        ----------
+        n_dhfs : int
+            How many double height fields, at least 1.
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        OptionError
+            When there are not so many.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> len(model.prefix(1).info["dhfs"])
+        1
         """
-        if not 1 <= n_dhfs <= len(self._dhfs):
-            raise OptionError(f"there are no {n_dhfs} DHFs; this model has {len(self._dhfs)}")
+        n_dhfs = whole_number(n_dhfs, "n_dhfs")
+        if not 1 <= n_dhfs <= len(self.container.dhfs):
+            raise OptionError(f"there are no {n_dhfs} DHFs; this model has {len(self.container.dhfs)}")
         first = replace(self.container, dhfs=self.container.dhfs[:n_dhfs], metadata=fmt.Metadata())
         return Model(first, limits=self.limits)
 
     def dumps(self) -> bytes:
-        """The bytes of the `.cndhf` file."""
+        """The bytes of the `.cndhf` file.
+
+        Returns
+        -------
+        bytes
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> len(model.dumps())
+        1232
+        """
         return fmt.dumps(self.container)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the `.cndhf` file, whole or not at all. Raises OutputError."""
-        write_atomically(path, self.dumps(), overwrite)
+        """Write the `.cndhf` file. When that fails, nothing is left, and an older file stays as it was.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Where to.
+        overwrite : bool
+            Replace a file that exists.
+
+        Raises
+        ------
+        OptionError
+            When it is not a path.
+        OutputError
+            When the file cannot be written, or exists and may not be overwritten.
+
+        Examples
+        --------
+        >>> import cndhf_codec, pathlib, tempfile
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     model.save(pathlib.Path(folder) / "bracket.cndhf")
+        ...     cndhf_codec.load(pathlib.Path(folder) / "bracket.cndhf").info["bytes"]
+        1232
+        """
+        write_atomically(path_like(path), self.dumps(), overwrite)
 
 
 def loads(data: bytes, limits: Limits | None = None) -> Model:
-    """Model from the bytes of a `.cndhf` file, with `Model.limits`. Raises FormatError.
+    """Read a model from the bytes of a `.cndhf` file.
 
-    Takes at most 64 MiB of memory beyond the file's bytes.
+    Takes at most 64 MiB of memory besides these bytes, and checks all of them.
+
+    Parameters
+    ----------
+    data : bytes-like
+        The whole file.
+    limits : Limits, optional
+        See `Model.limits`.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    FormatError
+        When the bytes are not a valid file; the subclass says why.
+    OptionError
+        When an argument has another type.
+
+    Examples
+    --------
+    >>> import cndhf_codec
+    >>> from pathlib import Path
+    >>> cndhf_codec.loads(Path("tests/golden/encoded.cndhf").read_bytes()).info["bytes"]
+    1232
     """
-    data = bytes(data)
+    data = bytes_like(data)
     return Model(fmt.loads(data), fmt.section_sizes(data), limits)
 
 
 def loads_prefix(data: bytes, n_dhfs: int | None = None, limits: Limits | None = None) -> Model:
-    """Model of the first `n_dhfs` double height fields, or as many as are complete, from a file's first bytes.
+    """Read a model of the first double height fields from the first bytes of a file.
 
-    For streams: call it again as bytes arrive. The checksum comes last, so that damage may go unseen here; `loads` the
-    whole file in the end. limits: as for `loads`. Raises FormatError (TruncatedError where more bytes are needed)
-    or OptionError.
+    For streams: call it again as bytes arrive, and `loads` in the end. The checksum comes last in a file, so damage may
+    go unseen here.
+
+    Parameters
+    ----------
+    data : bytes-like
+        The first bytes of a file whose weights have codec 2, which all presets but `paper` write.
+    n_dhfs : int, optional
+        How many double height fields; by default, as many as are complete.
+    limits : Limits, optional
+        See `Model.limits`.
+
+    Returns
+    -------
+    Model
+        Its solid contains that of the whole file.
+
+    Raises
+    ------
+    TruncatedError
+        When more bytes are needed.
+    FormatError
+        When the bytes are not the start of a valid file, or its weights can be read only as a whole.
+    OptionError
+        When the file does not have so many double height fields, or an argument has another type.
+
+    Examples
+    --------
+    >>> import cndhf_codec
+    >>> from pathlib import Path
+    >>> data = Path("tests/must_load/rans.cndhf").read_bytes()
+    >>> len(cndhf_codec.loads_prefix(data[:-4]).info["dhfs"])
+    1
+    >>> cndhf_codec.loads_prefix(data[:-10])
+    Traceback (most recent call last):
+    ...
+    cndhf_codec.errors.TruncatedError: the file ends after 96 bytes, before DHF 0 is complete
     """
-    return Model(fmt.loads_prefix(bytes(data), n_dhfs), limits=limits)
+    n_dhfs = None if n_dhfs is None else whole_number(n_dhfs, "n_dhfs")
+    return Model(fmt.loads_prefix(bytes_like(data), n_dhfs), limits=limits)
 
 
 def load(path: str | os.PathLike[str], limits: Limits | None = None) -> Model:
-    """As `loads`, from a file. Raises FormatError or InputError, naming the file."""
-    return _loads(read_bytes(path, MAX_FILE_SIZE + 1), str(Path(path)), limits)
+    """Read a model from a `.cndhf` file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The file.
+    limits : Limits, optional
+        See `Model.limits`.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    FormatError
+        When it is not a valid file; the message names the file, and the subclass says why.
+    InputError
+        When it cannot be read.
+    OptionError
+        When an argument has another type.
+
+    Examples
+    --------
+    >>> import cndhf_codec
+    >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+    >>> model.info["encoder"]
+    'cndhf-codec 0.1.0'
+    """
+    return _loads(read_bytes(path_like(path), MAX_FILE_SIZE + 1), str(Path(path)), limits)
 
 
 def load_stream(stream: BinaryIO, name: str, limits: Limits | None = None) -> Model:
-    """As `loads`, from an open binary stream, read to its end. Raises FormatError or InputError, with `name`."""
+    """Read a model from a binary stream, up to its end.
+
+    Parameters
+    ----------
+    stream : binary file object
+        Open for reading.
+    name : str
+        What messages call it.
+    limits : Limits, optional
+        See `Model.limits`.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    FormatError
+        When the stream does not hold a valid file.
+    InputError
+        When it cannot be read.
+    OptionError
+        When it is not a binary stream, or another argument has another type.
+
+    Examples
+    --------
+    >>> from cndhf_codec.decoder.model import load_stream
+    >>> with open("tests/golden/encoded.cndhf", "rb") as stream:
+    ...     load_stream(stream, "the bracket").info["bytes"]
+    1232
+    """
     try:
         data = stream.read(MAX_FILE_SIZE + 1)
     except OSError as exc:
         raise InputError(f"{name}: cannot be read: {exc.strerror}") from exc
-    return _loads(data, name, limits)
+    except (AttributeError, TypeError, ValueError) as exc:  # not a stream, a closed one, one of text
+        raise OptionError(f"{name}: a stream is needed that is open for reading bytes") from exc
+    return _loads(bytes_like(data), name, limits)
 
 
 def _loads(data: bytes, name: str, limits: Limits | None) -> Model:
@@ -443,45 +834,7 @@ def _loads(data: bytes, name: str, limits: Limits | None) -> Model:
 
 
 def _outward(gradient: F32) -> F32:
-    """The outward unit normals of a surface where f has these gradients (..., 3)."""
+    """The outward unit normals (..., 3) of a surface where f has these gradients (..., 3)."""
     length = np.linalg.norm(gradient, axis=-1, keepdims=True)
-    # Flat heights have slope 1 towards their own axis: only points that are not finite have no direction.
+    # A gradient is zero only for points that are not finite: flat heights have slope 1 along their axis.
     return np.divide(-gradient, length, out=np.zeros_like(gradient), where=length > 0)
-
-
-def _length(text: float | str, diagonal: float, scale: float) -> float:
-    """A positive length in normalised units: `text` is a number of input units, or "N%" of the normalised diagonal."""
-    try:
-        relative = str(text).strip().endswith("%")
-        value = float(str(text).strip().removesuffix("%"))
-    except ValueError:
-        relative, value = False, 0.0
-    if not 0 < value < np.inf:
-        raise OptionError(
-            f"max_error is {text!r}; give a positive number of input units, or one with % of the diagonal"
-        )
-    return value / 100 * diagonal if relative else value / scale
-
-
-def _last_dimension(values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
-    """An array (..., n) of real numbers."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # lists of different lengths
-        array = np.empty((), dtype=object)
-    if array.dtype.kind not in "fiub":
-        raise OptionError(f"an array of numbers of shape (..., {n}) is needed")
-    if array.ndim == 0 or array.shape[-1] != n:
-        raise OptionError(f"an array of shape (..., {n}) is needed; got {array.shape}")
-    return array
-
-
-def _chunks(n: int) -> Iterator[tuple[int, int]]:
-    return ((at, min(at + CHUNK, n)) for at in range(0, n, CHUNK))
-
-
-def _rows(array: npt.NDArray[Any], first: int, last: int) -> npt.NDArray[Any]:
-    """Rows first to last of array.reshape(-1, n), which would copy an array that is not in one piece."""
-    if array.ndim <= 2 or array.flags.c_contiguous:
-        return array.reshape(-1, array.shape[-1])[first:last]
-    return array[np.unravel_index(np.arange(first, last), array.shape[:-1])]

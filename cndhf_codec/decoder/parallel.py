@@ -1,4 +1,4 @@
-"""Work on ranges of rows in threads: numpy's products and functions let others run while they do."""
+"""Work on ranges of rows in threads: numpy's products and functions let other threads run meanwhile."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-# BLAS shares products of more multiplications than this out among threads of its own, which get in the way of ours.
-PRODUCT = 2**18
+# BLAS divides products of more multiplications than this among threads of its own, which compete with ours.
+MULTIPLICATIONS_IN_ONE_THREAD = 2**18
 
-_this_thread = threading.local()  # `.works`: it is one of those at work on ranges
+_this_thread = threading.local()  # `.works`: whether this thread is at work in `over_rows`
 
 
 def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
-    """Call work(first, last) for equal ranges of at most `size` rows that cover 0 to n, on every processor.
+    """Call work(first, last) for ranges that cover rows 0 to n, in a thread per processor.
 
-    There is one range for up to half of `size` rows, else an even number, so that two threads get as many. Let them
-    be few and long: a thread that ends one of numpy's operations may have to wait for the interpreter's lock.
-    The ranges do not depend on the number of processors, so neither does what `work` writes. What `work` calls in
-    turn stays in its thread: threads of threads would get in each other's way. Raises what `work` raises.
+    The ranges have nearly the same length, at most `size` rows. Up to size / 2 rows are one range; more rows are an
+    even number of ranges, so that two threads get the same share. Ranges should be few and long: a thread that has
+    finished one of numpy's operations may have to wait for the interpreter's lock.
+
+    The ranges, and so what `work` writes, do not depend on the number of processors. An `over_rows` within `work`
+    runs in its own thread only: nested threads would compete for the processors. Raises what `work` raises.
     """
     parts = min(n, 2 * -(-n // (2 * size)) if n > size // 2 else 1)
     ranges = iter([(n * k // parts, n * (k + 1) // parts) for k in range(parts)])
@@ -48,7 +50,7 @@ def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
         finally:
             _this_thread.works = False
 
-    # The caller's thread works too: one fewer to start, and to wait for.
+    # The caller's thread works too, so one thread fewer has to be started.
     others = [threading.Thread(target=run) for _ in range(threads - 1)]
     for thread in others:
         thread.start()
@@ -59,10 +61,10 @@ def over_rows(work: Callable[[int, int], None], n: int, size: int) -> None:
         raise errors[0]
 
 
-def product(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """a @ b for a (M, K) and b (K, N) with many columns, in this thread alone."""
+def matmul(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """a @ b for a (M, K) and b (K, N) with many columns, without the threads of BLAS."""
     out = np.empty((len(a), b.shape[1]), dtype=np.result_type(a, b))
-    columns = PRODUCT // a.size
+    columns = MULTIPLICATIONS_IN_ONE_THREAD // a.size
     for first in range(0, b.shape[1], columns):
         part = slice(first, first + columns)
         np.matmul(a, b[:, part], out=out[:, part])

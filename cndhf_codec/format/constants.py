@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-# As PNG's: a byte that 7-bit transfer destroys, the name, then CR LF, a DOS end-of-file and LF, so that
-# line-ending conversion in either direction breaks it.
+# Made like PNG's: a byte that a 7-bit transfer changes, the name, then CR LF, a DOS end-of-file and LF, which a
+# conversion of line endings changes, in either direction.
 SIGNATURE = b"\x89DHF\r\n\x1a\n"
 MAJOR, MINOR = 0, 1
 
@@ -13,7 +13,7 @@ TABLE_ENTRY_SIZE = 6
 RECORD_HEAD_SIZE = 26
 CRC_SIZE = 4
 
-# Section kinds. A decoder skips an unknown kind with the OPTIONAL bit, and refuses one without.
+# Section kinds. A decoder skips an unknown kind that has the OPTIONAL bit, and refuses one that has not.
 OPTIONAL = 0x80
 KIND_RECORDS = 0x01
 KIND_WEIGHTS = 0x02
@@ -28,7 +28,7 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # left out of the file, put back to decompress
 # What a DHF does to the solid. Other values are reserved.
 ROLE_INTERSECT = 0
 
-# In which directions a DHF's heights are mirrored in the middle of its box: bit 0 u, bit 1 v.
+# Along which axes a DHF's heights are mirrored in the middle of its box: bit 0 for u, bit 1 for v.
 MAX_FOLD = 3
 
 # Fixed-point scales.
@@ -38,9 +38,9 @@ QUATERNION_MAX_NORM = 33000
 BOX_STEP = 2.0**-14  # box bounds: int16 times this
 STEPS_PER_OCTAVE = 4  # step code k stands for a quantisation step of 2^(-k / 4)
 STEP_CODE_MASK = 0x7F
-STEP_WIDE = 0x80  # set on a tensor with two bytes a symbol
+STEP_WIDE = 0x80  # set on a tensor with two bytes per symbol
 
-# Input units. Far beyond any mesh, and far from where float32 and float64 overflow.
+# In input units: well beyond any mesh, and well below where float32 and float64 overflow.
 MAX_CENTRE = 2.0**100
 MIN_SCALE, MAX_SCALE = 2.0**-100, 2.0**100
 

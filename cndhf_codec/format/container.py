@@ -1,4 +1,4 @@
-"""The in-memory form of a `.cndhf` file: what the writer takes and the reader gives."""
+"""The contents of a `.cndhf` file in memory: what the writer takes and the reader returns."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class DhfRecord:
 
     quaternion: (4,) int16, x y z w, `QUATERNION_ONE` stands for 1.
     box: (6,) int16, u v z bounds as min, max pairs, in units of `BOX_STEP`, in the rotated normalised frame.
-    step_codes: one an tensor, 0 to 127; the quantisation step is 2^(-code / 4).
-    symbols: one int32 array a tensor, shaped as `tensor_shapes` says; |symbol| <= `MAX_SYMBOL`.
-    fold: in which directions the heights are mirrored in the middle of the box: bit 0 u, bit 1 v.
+    step_codes: one per tensor, 0 to 127; the quantisation step is 2^(-code / 4).
+    symbols: one int32 array per tensor, in the shapes of `tensor_shapes`; |symbol| <= `MAX_SYMBOL`.
+    fold: along which axes the heights are mirrored in the middle of the box: bit 0 for u, bit 1 for v.
     """
 
     quaternion: tuple[int, int, int, int]
@@ -64,7 +64,7 @@ class DhfRecord:
 
     @property
     def mirrors(self) -> tuple[float | None, float | None]:
-        """In which u and in which v the heights are mirrored; None: in none."""
+        """The u and the v in which the heights are mirrored; None where they are not."""
         return mirrors(self.box, self.fold)
 
     @property
@@ -72,15 +72,15 @@ class DhfRecord:
         return parameter_count(self.width, self.hidden_layers)
 
     def weights(self) -> list[npt.NDArray[np.float32]]:
-        """The dequantised tensors, float32, shaped as `tensor_shapes` says."""
+        """The dequantised tensors, float32, in the shapes of `tensor_shapes`."""
         return [(s * step_size(code)).astype(np.float32) for s, code in zip(self.symbols, self.step_codes, strict=True)]
 
 
 @dataclass(frozen=True)
 class Metadata:
-    """The optional section. Errors are in input units, measured on the decoded file.
+    """The optional section. Errors are distances between the decoded and the input surface, in input units.
 
-    mean_error: the mean error (CD, mean of the two directed mean point-to-surface distances).
+    mean_error: the mean error (CD), the mean of the mean distances from points of either surface to the other.
     p99_error, max_error: 99th percentile and maximum of the same distances.
     """
 
@@ -108,14 +108,16 @@ def step_size(code: int) -> float:
 
 
 def mirrors(box: tuple[int, int, int, int, int, int], fold: int) -> tuple[float | None, float | None]:
-    """The middle of the box in u and in v where the bit of `fold` is set; else None."""
+    """The middle of the box in u and in v, each where its bit of `fold` is set, else None."""
     u, v = ((lo + hi) * c.BOX_STEP / 2 if fold >> k & 1 else None for k, (lo, hi) in enumerate((box[0:2], box[2:4])))
     return u, v
 
 
 def fold(uv: Any, mirrors: Sequence[float | None]) -> None:
-    """Move points (..., 2), a numpy array or a torch tensor, in place to the side of the mirrors that the network
-    describes."""
+    """Move points (..., 2) in place to the side of the mirrors that the network describes.
+
+    uv: a numpy array or a torch tensor.
+    """
     for k, middle in enumerate(mirrors):
         if middle is not None:
             uv[..., k] = middle + abs(uv[..., k] - middle)

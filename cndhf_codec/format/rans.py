@@ -1,8 +1,8 @@
-"""Codec 2 of the weights section: range asymmetric numeral systems (Duda, 2013) with a rounded Gaussian a tensor.
+"""Codec 2 of the weights section: range asymmetric numeral systems (Duda, 2013) with a rounded Gaussian per tensor.
 
-Integers only, so that every machine decodes the same symbols. A symbol is coded as the bucket of its magnitude, in the
-tensor's frequency table; the bits below the bucket, equally likely; and its sign, if it is not zero. A tensor whose
-symbols rise from 0 or above is coded as its differences, without signs.
+Integers only, so that every machine decodes the same symbols. A symbol is coded as the bucket of its magnitude, by the
+tensor's frequency table; then the bits below the bucket, all equally likely; then its sign, if it is not zero. A tensor
+whose symbols start at 0 or above and never fall is coded as its differences, without signs.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ from ..errors import LimitError, OptionError, PayloadError
 from .constants import MAX_SYMBOL
 
 SCALE_CODES = 60  # scale code c: standard deviation 2^(c / 4 - 2)
-BUCKETS = 64  # the last one is the escape: 16 bits of magnitude follow
+BUCKETS = 64  # the last one is the escape, which 16 bits of magnitude follow
 ESCAPE = BUCKETS - 1
 RISING = 0x80  # set on the scale code of a tensor that is coded as differences
 TOTAL_BITS = 14  # frequencies of a table add up to 2^14
 LOW = 2**23  # the state lies in [LOW, 256 LOW) between symbols
-# A section that claims more symbols than this is refused: a small file cannot ask for much work. The free ones are
-# for networks whose weights are nearly all zero, which real ones of that size can be.
+# Most symbols of a section: so many, and so many more per byte of it. Otherwise a small file could ask for much work.
+# The free ones are for small networks whose weights are nearly all zero.
 FREE_SYMBOLS, MAX_SYMBOLS_A_BYTE = 2**15, 4
 
-# First ratio and ratio of ratios of a Gaussian's values at steps of 1, times 2^24, for standard deviations
-# 2^(t / 4 - 2): t = 0 to 23 at 0, 1, 2, ...; t = 24 to 27 those of t - 4 at 0.5, 1.5, 2.5, ...
+# The ratios of a Gaussian's successive values, at steps of 1, are a geometric sequence. Row t holds its first term and
+# its ratio, times 2^24. Rows 0 to 23: standard deviation 2^(t / 4 - 2), values at 0, 1, 2, ... Rows 24 to 27: standard
+# deviation of row t - 4, values at 0.5, 1.5, 2.5, ...
 RATIOS: tuple[tuple[int, int], ...] = (
     (5628, 2),
     (58611, 205),
@@ -70,7 +71,7 @@ def low_bits(scale_code: int) -> int:
 
 @lru_cache(maxsize=SCALE_CODES)
 def frequencies(scale_code: int) -> tuple[int, ...]:
-    """The table of a scale code: `BUCKETS` frequencies, each at least 1, that add up to 2^14."""
+    """The frequency table of a scale code: `BUCKETS` numbers, each at least 1, that add up to 2^14."""
     wide = scale_code >= 24
     ratio, change = RATIOS[24 + scale_code % 4 if wide else scale_code]
     value = 1 << 24
@@ -101,7 +102,7 @@ def _lookup(scale_code: int) -> bytes:
 
 
 def encoded_size(tensors: list[Symbols]) -> float:
-    """Bytes of the section, to within two or so, without coding it."""
+    """Bytes of the section, to within about two, without coding it."""
     return len(tensors) + 4 + sum(_cheapest(*_values(t))[0] for t in tensors) / 8
 
 
@@ -128,7 +129,7 @@ def _bits(magnitude: npt.NDArray[np.int64], code: int) -> float:
 
 
 def encode(tensors: list[Symbols]) -> bytes:
-    """The section's bytes: a scale code a tensor, the state as u32, then the bytes that the decoder shifts in.
+    """The section's bytes: a scale code per tensor, the state as u32, then the bytes that the decoder shifts in.
 
     Raises OptionError for a symbol beyond `MAX_SYMBOL`.
     """
@@ -163,11 +164,11 @@ def encode(tensors: list[Symbols]) -> bytes:
 
 
 class EndedError(PayloadError):
-    """The section's bytes are used up before its symbols are complete."""
+    """Raised when the section's bytes are used up before its symbols are complete."""
 
 
 def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
-    """Symbols of the tensors with these sizes, flat. Raises LimitError or PayloadError."""
+    """Flat symbols of tensors with these sizes. Raises LimitError or PayloadError."""
     if sum(sizes) > _most_symbols(body):
         raise LimitError(
             f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
@@ -175,12 +176,12 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
         )
     try:
         return list(_decoded(body, sizes))
-    except EndedError as exc:  # of no concern to those who have the whole file
+    except EndedError as exc:  # a private class: only `decode_prefix` goes on after it
         raise PayloadError(str(exc)) from None
 
 
 def decode_prefix(body: bytes, sizes: list[int], first: int) -> list[Symbols]:
-    """As many of the first `first` tensors as a section that may be cut off anywhere holds. Raises PayloadError."""
+    """Of the first `first` tensors, those that a section holds that is cut off anywhere. Raises PayloadError."""
     tensors: list[Symbols] = []
     allowed = _most_symbols(body)
     try:
@@ -199,7 +200,7 @@ def _most_symbols(body: bytes) -> int:
 
 
 def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
-    """The tensors one after the other; after the last, the section's end is checked."""
+    """Yield the tensors in turn, and check the section's end after the last one."""
     if len(body) < len(sizes) + 4:
         raise EndedError("the weights section ends inside its scale codes")
     codes = body[: len(sizes)]

@@ -30,7 +30,7 @@ from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
 
 @dataclass(frozen=True)
 class Section:
-    """One row of the section table, with where its bytes lie in the file."""
+    """One row of the section table, with the place of its bytes in the file."""
 
     kind: int
     codec: int
@@ -50,7 +50,7 @@ class Header:
 
 
 def loads(data: bytes) -> Container:
-    """Parse and check a whole file. Raises a subclass of FormatError that names what is wrong."""
+    """Read and check a whole file. Raises a subclass of FormatError that says what is wrong."""
     header = read_header(data)
     records, weights, meta = _sections(header)
     drafts = _read_records(_body(data, records), header.n_dhfs)
@@ -61,11 +61,11 @@ def loads(data: bytes) -> Container:
 
 
 def loads_prefix(data: bytes, n_dhfs: int | None = None) -> Container:
-    """The first `n_dhfs` DHFs, or as many as there are, of a file of which only the first bytes are at hand.
+    """Read the first `n_dhfs` DHFs, or as many as are complete, from the first bytes of a file.
 
-    The records must be complete and come before the weights, as the writer has them, and codec 2 is needed: with codec
-    1 nothing can be had before all of it. All fields of what is used are checked; the checksum, which comes
-    last, is not, so damage may go unseen. Metadata is left out: its errors are those of the whole solid.
+    The records must be complete, and must come before the weights, as the writer puts them. The weights must have codec
+    2: those of codec 1 can only be read as a whole. All fields of what is used are checked. The checksum, which comes
+    last, is not, so damage may go unseen. Metadata is left out, because its errors are those of the whole solid.
     Raises a subclass of FormatError: TruncatedError when the bytes do not hold one DHF, or not `n_dhfs`.
     """
     header = _read_head(data)
@@ -90,7 +90,7 @@ def loads_prefix(data: bytes, n_dhfs: int | None = None) -> Container:
 
 
 def read_header(data: bytes) -> Header:
-    """Signature, version, checksum, counts, normalisation and section table; nothing is decompressed."""
+    """Read and check signature, version, checksum, counts, normalisation and section table."""
     header = _read_head(data)
     last = header.sections[-1]
     offset = last.offset + last.length
@@ -106,7 +106,7 @@ def read_header(data: bytes) -> Header:
 
 
 def _read_head(data: bytes) -> Header:
-    """The header and the section table, before the checksum is known to be right."""
+    """Read the header and the section table, before the checksum is checked."""
     _check_signature(data)
     if len(data) < c.HEADER_SIZE + c.CRC_SIZE:
         raise TruncatedError(f"the file ends after {len(data)} bytes, inside the header")
@@ -149,7 +149,7 @@ def _check_head(header: Header) -> None:
 
 
 def _sections(header: Header) -> tuple[Section, Section, Section | None]:
-    """Records, weights, metadata."""
+    """The sections with records, weights and metadata. Raises SectionError."""
     for section in header.sections:
         known = section.kind in (c.KIND_RECORDS, c.KIND_WEIGHTS, c.KIND_METADATA)
         if not known and not section.kind & c.OPTIONAL:
@@ -178,8 +178,10 @@ class _Draft:
 
 
 def section_sizes(data: bytes) -> dict[str, int]:
-    """Bytes of a valid file by what they are for: their sum is the file's size. "layout" is the header, the section
-    table and the checksum; "other" is sections that this decoder skips. Raises FormatError."""
+    """Bytes of each section of a valid file; their sum is the file's size. Raises FormatError.
+
+    "layout" is the header, the section table and the checksum; "other" is the sections that this decoder skips.
+    """
     names = {c.KIND_RECORDS: "records", c.KIND_WEIGHTS: "weights", c.KIND_METADATA: "metadata"}
     sections = read_header(data).sections
     out = {"layout": len(data) - sum(s.length for s in sections)}
@@ -317,8 +319,8 @@ def _decompress(body: bytes, size: int) -> bytes:
         said = "no size" if declared == zstandard.CONTENTSIZE_UNKNOWN else f"{declared} bytes"
         raise PayloadError(f"the weights frame declares {said}; the DHF records need {size} bytes")
     try:
-        # In one call, into a buffer of the declared size: a frame whose blocks hold more than its header says
-        # stops there, where a stream would go on to gigabytes.
+        # In one call, into a buffer of the declared size. Where a frame's blocks hold more than its header says, this
+        # stops; a stream could go on for gigabytes.
         raw = zstandard.ZstdDecompressor().decompress(frame, allow_extra_data=False)
     except zstandard.ZstdError as exc:
         raise PayloadError(f"the weights section does not decompress ({exc})") from exc

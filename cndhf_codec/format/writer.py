@@ -20,8 +20,8 @@ ZSTD_LEVEL = 22
 def dumps(container: Container) -> bytes:
     """Bytes of a `.cndhf` file.
 
-    Raises OptionError when the container holds something that the format cannot say or that a reader
-    would refuse, so that no unreadable file is ever written.
+    Raises OptionError when the container holds what the format cannot express or a reader would refuse, so that no
+    unreadable file is ever written.
     """
     zstd = container.codec == c.CODEC_ZSTD
     if not zstd and container.codec != c.CODEC_RANS:
@@ -63,7 +63,7 @@ def zigzag(symbols: Symbols) -> np.ndarray:
 
 
 def pack_symbols(dhfs: tuple[DhfRecord, ...]) -> bytes:
-    """One byte a symbol: the low bytes of every tensor, then the high bytes of the wide ones."""
+    """One byte per symbol: the low bytes of every tensor, then the high bytes of the wide ones."""
     low, high = [], []
     for dhf in dhfs:
         for symbols in dhf.symbols:
@@ -77,7 +77,7 @@ def pack_symbols(dhfs: tuple[DhfRecord, ...]) -> bytes:
 
 
 def _record(dhf: DhfRecord, mark_wide: bool) -> bytes:
-    # The reader cannot see these: it would read another container than this one.
+    # Checked here because the reader could not tell: it would read another container than this one.
     if not all(0 <= code <= c.STEP_CODE_MASK for code in dhf.step_codes):
         raise OptionError(f"a step code is outside 0 to {c.STEP_CODE_MASK}")
     shapes = tensor_shapes(dhf.width, dhf.hidden_layers)

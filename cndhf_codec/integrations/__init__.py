@@ -1,1 +1,1 @@
-"""Other libraries' ways in: import the module of the one you use. Each needs that library."""
+"""Other libraries that read `.cndhf` files: import the module of the one that you use. Each needs that library."""

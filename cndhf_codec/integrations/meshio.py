@@ -1,4 +1,7 @@
-"""`meshio.read("x.cndhf")`, once this module is imported. meshio is not part of any extra: pip install meshio."""
+"""`meshio.read("x.cndhf")`, once this module is imported.
+
+meshio belongs to no extra: pip install meshio.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,37 @@ except ImportError as exc:
 
 
 def read_cndhf(source: str | os.PathLike[str] | BinaryIO) -> Any:
-    """meshio's reader of `.cndhf` files and streams: a `meshio.Mesh` of triangles, `Model.to_mesh()`'s.
+    """meshio's reader of `.cndhf` files: the mesh of `Model.to_mesh()`.
 
-    meshio passes no options on: for another resolution than 256 make the mesh with `Model.to_mesh`.
-    Raises FormatError, InputError or SurfaceError.
+    meshio passes no options on: for another resolution, use `Model.to_mesh` itself.
+
+    Parameters
+    ----------
+    source : str, path-like or binary file object
+        The file.
+
+    Returns
+    -------
+    meshio.Mesh
+        Triangles in input coordinates.
+
+    Raises
+    ------
+    FormatError
+        When it is not a valid file.
+    InputError
+        When it cannot be read.
+    OptionError
+        When it is neither a path nor a binary stream.
+    SurfaceError
+        When the solid is empty or too thin.
+
+    Examples
+    --------
+    >>> import meshio
+    >>> import cndhf_codec.integrations.meshio
+    >>> meshio.read("tests/golden/encoded.cndhf").cells[0].type
+    'triangle'
     """
     model = load(source) if isinstance(source, (str, os.PathLike)) else load_stream(source, "the stream")
     mesh = model.to_mesh()

@@ -11,10 +11,37 @@ from ..errors import require
 def load_cndhf(
     file_obj: BinaryIO, file_type: str | None = None, resolution: int | None = None, **_: Any
 ) -> dict[str, Any]:
-    """trimesh's loader of `.cndhf` streams: arguments of `trimesh.Trimesh`.
+    """trimesh's loader of `.cndhf` streams: the mesh of `Model.to_mesh(resolution)`.
 
-    resolution: as of `Model.to_mesh`; passed through from `trimesh.load("x.cndhf", resolution=128)`.
-    Raises FormatError, OptionError or SurfaceError.
+    Parameters
+    ----------
+    file_obj : binary file object
+        Open for reading.
+    file_type : str, optional
+        Given by trimesh, and not used.
+    resolution : int, optional
+        As for `Model.to_mesh`; `trimesh.load("x.cndhf", resolution=128)` passes it on.
+
+    Returns
+    -------
+    dict
+        Arguments of `trimesh.Trimesh`, in input coordinates.
+
+    Raises
+    ------
+    FormatError
+        When the stream does not hold a valid file.
+    OptionError
+        When it is no binary stream, or the resolution is out of range.
+    SurfaceError
+        When the solid is empty or too thin.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> import cndhf_codec.integrations.trimesh
+    >>> trimesh.load_mesh("tests/golden/encoded.cndhf", resolution=16).is_watertight
+    True
     """
     mesh = load_stream(file_obj, getattr(file_obj, "name", None) or "the stream").to_mesh(resolution)
     # process=False: merging vertices by position could weld parts of the surface that only touch.

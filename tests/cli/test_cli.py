@@ -117,13 +117,13 @@ def test_decode_by_intersection(run, model, tmp_path):
 
 
 def test_a_fall_back_is_one_line(run, model, tmp_path, monkeypatch):
-    from cndhf_codec.decoder.dhf import intersection as solids
+    from cndhf_codec.decoder.dhf import intersection
     from cndhf_codec.errors import SurfaceError
 
     def fail(*_):
         raise SurfaceError("manifold3d refuses the intersection (NotManifold)")
 
-    monkeypatch.setattr(solids, "intersection", fail)
+    monkeypatch.setattr(intersection, "intersection", fail)
     options = ["--method", "intersection", "--resolution", "16", "--quiet"]
     code, out, err = run("decode", model, tmp_path / "a.ply", *options)
     assert (code, out) == (0, "")

@@ -32,18 +32,18 @@ def to_mesh(model, resolution):
     return len(model.to_mesh(resolution).vertices)
 
 def intersection(model, resolution):
-    from cndhf_codec.decoder.dhf import intersection as solids
+    from cndhf_codec.decoder.dhf.intersection import DhfTriangulation
 
-    closed, triangles = solids.Plane.solid, [0]
+    closed, triangles = DhfTriangulation.solid, [0]
 
     def counted(*arguments):
         solid = closed(*arguments)
         triangles[0] += len(solid[1])
         return solid
 
-    solids.Plane.solid = counted
+    DhfTriangulation.solid = counted
     model.to_mesh(resolution, method="intersection")
-    solids.Plane.solid = closed
+    DhfTriangulation.solid = closed
     return triangles[0]
 
 def occupancy(model, resolution):

@@ -67,12 +67,12 @@ def test_several_dhfs_intersect(points):
 
 def test_centre_and_scale(points):
     centre, scale = (1e6, -2e6, 3e6), 400.0
-    near, far = analytic.model(slab(LO, HI)), analytic.model(slab(LO, HI), centre=centre, scale=scale)
+    plain, placed = analytic.model(slab(LO, HI)), analytic.model(slab(LO, HI), centre=centre, scale=scale)
     moved = points * scale + centre
-    f = near.implicit(points)
-    np.testing.assert_allclose(far.implicit(moved), f * scale, atol=1e-3)  # float64 has 1e-10 here
+    f = plain.implicit(points)
+    np.testing.assert_allclose(placed.implicit(moved), f * scale, atol=1e-3)  # float64 has 1e-10 here
     sure = np.abs(f) > 1e-5
-    assert np.array_equal(far.contains(moved)[sure], in_box(points)[sure])
+    assert np.array_equal(placed.contains(moved)[sure], in_box(points)[sure])
 
 
 def test_a_domain_box_ends_the_solid_in_z_too():
@@ -102,7 +102,7 @@ def test_shapes_of_points_are_kept(points):
 def test_points_in_several_chunks(monkeypatch, points):
     m = analytic.model(analytic.waves(4))
     whole = m.implicit(points)
-    monkeypatch.setattr(model_module, "CHUNK", 1000)
+    monkeypatch.setattr(model_module, "POINTS_AT_ONCE", 1000)
     np.testing.assert_allclose(m.implicit(points), whole, atol=1e-6)
 
 

@@ -41,7 +41,7 @@ def test_chunks_join_seamlessly(monkeypatch):
     dhf = Dhf(analytic.waves(1))
     uv = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 2)).astype(np.float32)
     whole = dhf.network(uv)
-    monkeypatch.setattr(network, "CHUNK", 70)
+    monkeypatch.setattr(network, "VALUES_AT_ONCE", 70)
     np.testing.assert_allclose(dhf.network(uv), whole, atol=1e-6)
 
 
@@ -123,7 +123,7 @@ def test_any_number_of_rows(width, monkeypatch):
     tensors = [rng.uniform(-0.3, 0.3, s).astype(np.float32) for s in tensor_shapes(width, 2)]
     net, uv = Network(tensors, 5, 3), rng.uniform(-1, 1, (1001, 2)).astype(np.float32)
     one_by_one = np.concatenate([net(p[None]) for p in uv])
-    monkeypatch.setattr(network, "CHUNK", 300 * width)  # several threads
+    monkeypatch.setattr(network, "VALUES_AT_ONCE", 300 * width)  # several threads
     np.testing.assert_allclose(net(uv), one_by_one, atol=1e-5)
     np.testing.assert_allclose(net.gradient(uv)[0], one_by_one, atol=1e-5)
     assert net(uv[:0]).shape == (0, 2)

@@ -9,7 +9,7 @@ import trimesh
 from analytic import ABOUT_Y_90, slab, waves
 
 from cndhf_codec import load
-from cndhf_codec.decoder.dhf import rays as rays_module
+from cndhf_codec.decoder.dhf import rays
 from cndhf_codec.errors import OptionError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
@@ -143,7 +143,7 @@ def test_rays_in_several_parts(monkeypatch):
     rng = np.random.default_rng(0)
     origins = 2 * unit(rng.normal(size=(300, 3)))
     whole = model.ray_intersect(origins, -origins)
-    monkeypatch.setattr(rays_module, "RAYS", 64)
+    monkeypatch.setattr(rays, "RAYS_AT_ONCE", 64)
     np.testing.assert_allclose(model.ray_intersect(origins, -origins).distance, whole.distance, atol=1e-5)
 
 

@@ -78,3 +78,16 @@ def test_double_precision_and_state(model, points):
     other = CndhfModule(model).double()
     other.load_state_dict(module.state_dict())
     assert torch.equal(other(torch.tensor(points)), module(torch.tensor(points)))
+
+
+def test_wrong_types(model):
+    with pytest.raises(OptionError, match="a Model is needed"):
+        CndhfModule(3)
+    module = CndhfModule(model)
+    for wrong in ("abc", None, [[0, 0, 0]], np.zeros((2, 3))):
+        with pytest.raises(OptionError, match=r"a tensor of shape \(\.\.\., 3\) is needed"):
+            module(wrong)
+        with pytest.raises(OptionError, match=r"a tensor of shape \(\.\.\., 2\) is needed"):
+            module.heights(0, wrong)
+    with pytest.raises(OptionError, match="a whole number is needed"):
+        module.heights("0", torch.zeros(2))

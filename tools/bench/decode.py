@@ -60,12 +60,12 @@ def mesh_row(path: Path, resolution: int, target: str) -> Row:
     lo, hi = ((x - model.container.centre) / model.container.scale for x in model.to_mesh(32).bounds)
     half = (hi - lo).max() / 2 * (1 + 2 / resolution)
     line = np.linspace(-half, half, resolution)
-    tables = [HeightTable(dhf, line[1] - line[0]) for dhf in model._dhfs]
+    tables = [HeightTable(dhf, line[1] - line[0]) for dhf in model._solid.dhfs]
     f = np.empty((resolution,) * 3, dtype=np.float32)
     for i, x in enumerate(line):
         plane = np.stack(np.meshgrid([x], line, line, indexing="ij"), axis=-1).reshape(-1, 3)
         points = (plane + (lo + hi) / 2).astype(np.float32)
-        parts = [dhf.implicit(points, table) for dhf, table in zip(model._dhfs, tables, strict=True)]
+        parts = [dhf.implicit(points, table) for dhf, table in zip(model._solid.dhfs, tables, strict=True)]
         f[i] = np.minimum.reduce(parts).reshape(resolution, resolution)
     fresh = [cndhf_codec.load(path) for _ in range(ROUNDS)]  # nothing may be left of an earlier round
     (ours, own), (theirs, their_own) = least_times(
@@ -90,7 +90,7 @@ def network(path: Path, original: Path | None) -> Row:
     """Heights of the first double height field at 2^18 points: numpy against torch's forward pass on the CPU."""
     import torch
 
-    net = cndhf_codec.load(path)._dhfs[0].network
+    net = cndhf_codec.load(path)._solid.dhfs[0].network
     uv = np.random.default_rng(0).uniform(-0.5, 0.5, (2**18, 2)).astype(np.float32)
     layers = [(torch.tensor(W), torch.tensor(b[:, 0])) for W, b in zip(net.matrices, net.biases, strict=True)]
     points = torch.tensor(uv)

@@ -1,1 +1,1 @@
-"""Double height fields decoded: heights, the implicit function, cells, rays and surfaces."""
+"""Double height fields: the networks' heights, the implicit function, queries and surfaces in the normalised frame."""

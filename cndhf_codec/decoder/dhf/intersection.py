@@ -1,9 +1,8 @@
-"""The exact surface: each DHF triangulated as a closed solid, and the solids intersected.
+"""A surface with sharp creases: each DHF triangulated as a closed solid, and the solids intersected.
 
-A DHF's plane is divided into right triangles by bisection, finely where a height bends and coarsely where it is flat
+A DHF's domain is divided into right triangles by bisection, finely where a height bends and coarsely where it is flat
 (right-triangulated irregular networks; Evans, Kirkpatrick and Townsend, 2001). Where the heights cross, triangles are
-cut at the silhouette far = near, which the near and the far surface share; at the edge of the domain box walls close
-the solid.
+cut at the silhouette far = near, which the near and the far side share. Walls close the solid at the domain's edge.
 """
 
 from __future__ import annotations
@@ -13,105 +12,115 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import F32, F64, I64, Mask
+from ...arrays import F32, I64, Mask
 from ...errors import OptionError, SurfaceError, require
 from ..limits import Limits
+from ..results import TriangleMesh
 from .field import Dhf
 
-# Of an error asked for, what the triangulation may take; what the simplification of the result may take is the rest.
-# At equal error, triangles that are fine first and simplified then are fewer than those that are coarse at once.
-TRIANGULATION = 1 / 3
-FINEST = 5e-5  # triangulation error (normalised) below which 2^10 cells a side are looked at, and not 2^9
-# For a number of triangles: bisected edges a triangle of the result, at first and at last, and how far the intersection
-# is then simplified (in errors of the triangulation) before a coarser triangulation is tried.
-BISECTED, FEWEST = 2.5, 0.02
-SIMPLIFIED = 8.0
+# Share of an error bound that goes to the triangulation; the rest goes to simplifying the intersection. At equal error,
+# a fine triangulation that is simplified has fewer triangles than a coarse one.
+TRIANGULATION_SHARE = 1 / 3
+# Levels of bisection: a grid of 2^levels cells per side is sampled. The fine one is for triangulation errors up to
+# FINE_ERROR (normalised units).
+LEVELS, FINE_LEVELS, FINE_ERROR = 9, 10, 5e-5
+# To come to a number of triangles, the triangulation starts with this many bisected edges per triangle of the result,
+# and with half as many in each later try; the intersection is simplified by up to MAX_SIMPLIFICATION times the
+# triangulation's error before the next try.
+FIRST_EDGES_PER_FACE, LAST_EDGES_PER_FACE = 2.5, 0.02
+MAX_SIMPLIFICATION = 8.0
 SILHOUETTE_STEPS = 16  # of bisection, along an edge that the silhouette crosses
-THINNEST = 1e-12  # a solid of less volume (normalised) is taken as a failure
+MIN_VOLUME = 1e-12  # a solid of less volume (normalised units) is taken as a failure
 
 
-def intersection(dhfs: Sequence[Dhf], error: float | None, faces: int | None, limits: Limits) -> tuple[F64, I64]:
-    """The solid's surface: vertices (N, 3) of the normalised frame and triangles (M, 3), closed and facing outward.
+def intersection(dhfs: Sequence[Dhf], error: float | None, faces: int | None, limits: Limits) -> TriangleMesh:
+    """The solid's surface, closed and facing outward, in the normalised frame.
 
-    error: distance from the exact surface, normalised units. It is met but for features smaller than a cell of a grid
-    of 512 or 1024 cells over each DHF's domain. faces: in place of it, the most triangles.
-    limits: of vertices, for each DHF and for the intersection before it is simplified.
+    error: the greatest distance from the exact surface, normalised units. Features may be missed that are smaller than
+    a cell, with 512 or 1024 cells per side of a DHF's domain. faces: the greatest number of triangles, used when error
+    is None. limits: of vertices, for each DHF and for the intersection before it is simplified.
     Raises SurfaceError when manifold3d reports a failure, a solid is empty or has too many vertices, or simplification
-    changes its volume; and OptionError for too few faces.
+    changes its volume; OptionError for too few faces.
     """
     manifold3d = require("manifold3d", "mesh")
     if error is not None:
-        limit = error * TRIANGULATION
-        planes = [Plane(dhf, 9 if limit > FINEST else 10) for dhf in dhfs]
-        whole = _intersected(manifold3d, planes, limit, limits)
-        out = whole.simplify(error * (1 - TRIANGULATION))
+        limit = error * TRIANGULATION_SHARE
+        levels = LEVELS if limit > FINE_ERROR else FINE_LEVELS
+        whole = _intersected(manifold3d, [DhfTriangulation(dhf, levels) for dhf in dhfs], limit, limits)
+        out = whole.simplify(error * (1 - TRIANGULATION_SHARE))
         if abs(out.volume() - whole.volume()) > error * whole.surface_area():
             raise SurfaceError("simplification changes its volume")
     else:
         assert faces is not None
-        out = _with_faces(manifold3d, [Plane(dhf, 9) for dhf in dhfs], faces, limits)
+        out = _with_faces(manifold3d, [DhfTriangulation(dhf, LEVELS) for dhf in dhfs], faces, limits)
     _check(manifold3d, out, "the simplified intersection")
     mesh = out.to_mesh64()
-    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64)
+    return TriangleMesh(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
 
 
-def _intersected(manifold3d: Any, planes: Sequence[Plane], limit: float, limits: Limits) -> Any:
+def _intersected(manifold3d: Any, triangulations: Sequence[DhfTriangulation], limit: float, limits: Limits) -> Any:
     """The intersection of the DHFs, each triangulated to the error `limit`, as a Manifold. Raises SurfaceError."""
     parts = []
-    for i, plane in enumerate(planes):
-        vertices, triangles = plane.solid(limit)
-        if not len(triangles):
+    for i, triangulation in enumerate(triangulations):
+        vertices, faces = triangulation.solid(limit)
+        if not len(faces):
             raise SurfaceError(f"double height field {i} is empty")
         limits.count("vertices", len(vertices))
-        part = manifold3d.Manifold(manifold3d.Mesh64(vertices, triangles.astype(np.uint64)))
+        part = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
         _check(manifold3d, part, f"double height field {i}")
         parts.append(part)
-    # As an original, so that the curves where surfaces that nearly coincide weave through one another simplify too.
+    # manifold3d does not simplify edges between faces of different originals. Where surfaces nearly coincide, there are
+    # many of these: as one original they are simplified, too.
     whole = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Intersect).as_original()
     _check(manifold3d, whole, "the intersection")
     limits.count("vertices", whole.num_vert())
     return whole
 
 
-def _with_faces(manifold3d: Any, planes: Sequence[Plane], faces: int, limits: Limits) -> Any:
-    """The intersection, simplified by as little as leaves at most `faces` triangles. Raises OptionError."""
-    errors = np.sort(np.concatenate([plane.errors.ravel() for plane in planes]))[::-1]
-    bisected = BISECTED
-    while bisected > FEWEST:
-        limit = max(float(errors[min(int(bisected * faces), len(errors) - 1)]), 1e-6)
-        whole = _intersected(manifold3d, planes, limit, limits)
+def _with_faces(manifold3d: Any, triangulations: Sequence[DhfTriangulation], faces: int, limits: Limits) -> Any:
+    """The intersection, simplified just enough to have at most `faces` triangles. Raises OptionError."""
+    errors = np.sort(np.concatenate([t.errors.ravel() for t in triangulations]))[::-1]
+    edges_per_face = FIRST_EDGES_PER_FACE
+    while edges_per_face > LAST_EDGES_PER_FACE:
+        limit = max(float(errors[min(int(edges_per_face * faces), len(errors) - 1)]), 1e-6)
+        whole = _intersected(manifold3d, triangulations, limit, limits)
         tolerance = limit / 4
-        while tolerance < SIMPLIFIED * limit:
+        while tolerance < MAX_SIMPLIFICATION * limit:
             out = whole.simplify(tolerance)
             if out.num_tri() <= faces:
                 if out.volume() > whole.volume() / 2:
                     return out
                 break
             tolerance *= 1.1 if out.num_tri() < 1.5 * faces else 1.4
-        bisected /= 2
+        edges_per_face /= 2
     raise OptionError(f"faces is {faces}: too few for this shape")
 
 
-def volume(vertices: F64, faces: I64) -> float:
-    """Of a closed mesh."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+def volume(mesh: TriangleMesh) -> float:
+    """Volume of a closed mesh."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def area(vertices: F64, faces: I64) -> float:
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+def area(mesh: TriangleMesh) -> float:
+    """Area of a mesh."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def _check(manifold3d: Any, solid: Any, name: str) -> None:
+    """Raise SurfaceError when manifold3d has refused a solid, or it has no volume."""
     if solid.status() != manifold3d.Error.NoError:
         raise SurfaceError(f"manifold3d refuses {name} ({solid.status().name})")
-    if not solid.volume() > THINNEST:
+    if not solid.volume() > MIN_VOLUME:
         raise SurfaceError(f"{name} has no volume")
 
 
-class Plane:
-    """The heights of a DHF at the (2^levels + 1)^2 nodes of a grid over its domain."""
+class DhfTriangulation:
+    """Triangulations of a DHF to any error, by bisection of a grid of 2^levels cells per side over its domain.
+
+    errors: (2^levels + 1, 2^levels + 1) normalised units; a node is used where its error is above that asked for.
+    """
 
     def __init__(self, dhf: Dhf, levels: int) -> None:
         n = 2**levels
@@ -119,17 +128,17 @@ class Plane:
         u, v = (np.linspace(lo[k], hi[k], n + 1, dtype=np.float32) for k in range(2))
         self.dhf = dhf
         self.uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-        heights = _heights(dhf, self.uv)
+        heights = _clipped_heights(dhf, self.uv)
         self.heights = np.ascontiguousarray(heights.T)
         self.errors = _nested(_interpolation_errors(self.heights.reshape(2, n + 1, n + 1), (hi - lo) / n))
 
-    def solid(self, error: float) -> tuple[F64, I64]:
-        """The DHF as a closed mesh: vertices (N, 3) of the normalised frame, triangles (M, 3) facing outward."""
+    def solid(self, error: float) -> TriangleMesh:
+        """The DHF's own solid as a mesh, closed and facing outward, in the normalised frame; without faces if empty."""
         return _closed(self.dhf, self.uv, self.heights, bisected(self.errors, error))
 
 
-def _heights(dhf: Dhf, uv: F32) -> F32:
-    """(N, 2) near and far height, cut off at the domain box."""
+def _clipped_heights(dhf: Dhf, uv: F32) -> F32:
+    """Near and far height at (N, 2), cut off at the domain box, (N, 2)."""
     heights = dhf.heights(uv)
     lo, hi = dhf.bounds[2]
     np.maximum(heights[:, 0], lo, out=heights[:, 0])
@@ -138,17 +147,17 @@ def _heights(dhf: Dhf, uv: F32) -> F32:
 
 
 def _interpolation_errors(heights: F32, step: F32) -> F32:
-    """(n + 1, n + 1): how far from the surface the middle of the edge that each node bisects would lie.
+    """(n + 1, n + 1): for each node, the distance from the surface of the middle of the edge that it bisects.
 
-    The vertical distance, times the cosine of the surface's slope; the larger one of both heights. 0 outside the
-    silhouette.
+    heights: (2, n + 1, n + 1). The distance is taken along z, times the cosine of the surface's slope; of near and far
+    height, the larger. 0 where the edge and its middle lie outside the silhouette.
     """
     n = heights.shape[1] - 1
     cosine = [1 / np.sqrt(1 + sum(g**2 for g in np.gradient(h, *step))) for h in heights]
     gap = heights[1] - heights[0]
     out = np.zeros((n + 1, n + 1), dtype=np.float32)
 
-    def own(mid: tuple[slice, slice], a: tuple[slice, slice], b: tuple[slice, slice]) -> None:
+    def measure(mid: tuple[slice, slice], a: tuple[slice, slice], b: tuple[slice, slice]) -> None:
         inside = np.maximum(np.maximum(gap[mid], gap[a]), gap[b]) >= 0
         for h, c in zip(heights, cosine, strict=True):
             error = np.abs(h[mid] - (h[a] + h[b]) / 2) * c[mid]
@@ -157,8 +166,8 @@ def _interpolation_errors(heights: F32, step: F32) -> F32:
     for s in (2**k for k in range(n.bit_length() - 1)):
         even, odd = slice(0, n + 1, 2 * s), slice(s, n, 2 * s)
         before, after = slice(0, n - s, 2 * s), slice(2 * s, n + 1, 2 * s)
-        own((odd, even), (before, even), (after, even))
-        own((even, odd), (even, before), (even, after))
+        measure((odd, even), (before, even), (after, even))
+        measure((even, odd), (even, before), (even, after))
         # The middles of squares; their diagonals alternate.
         for i in range(2):
             for j in range(2):
@@ -166,14 +175,17 @@ def _interpolation_errors(heights: F32, step: F32) -> F32:
                 low = [slice(x.start - s, n - s, 4 * s) for x in (rows, columns)]
                 high = [slice(x.start + s, n + 1, 4 * s) for x in (rows, columns)]
                 if i == j:
-                    own((rows, columns), (low[0], low[1]), (high[0], high[1]))
+                    measure((rows, columns), (low[0], low[1]), (high[0], high[1]))
                 else:
-                    own((rows, columns), (low[0], high[1]), (high[0], low[1]))
+                    measure((rows, columns), (low[0], high[1]), (high[0], low[1]))
     return out
 
 
 def _nested(errors: F32) -> F32:
-    """Errors raised to those of the edges that come of a node's triangles: no edge is bisected after them."""
+    """Raise each node's error to those of the nodes that bisect its triangles' other edges.
+
+    So a node is never left out while one of these is used, and the triangles fit together without gaps.
+    """
     n = errors.shape[0] - 1
     for s in (2**k for k in range(n.bit_length() - 1)):
         if s > 1:
@@ -187,7 +199,7 @@ def _nested(errors: F32) -> F32:
 
 
 def _raise(errors: F32, i: int, j: int, di: int, dj: int, step: int) -> None:
-    """errors at (i, j) + step * (k, l) raised to those at these nodes plus (di, dj), where there are such."""
+    """Raise errors at nodes (i, j) + step * (k, l) to those at the nodes (di, dj) from them, where these exist."""
     n = errors.shape[0]
     rows, columns = np.arange(i, n, step), np.arange(j, n, step)
     rows = rows[(rows + di >= 0) & (rows + di < n)]
@@ -197,9 +209,9 @@ def _raise(errors: F32, i: int, j: int, di: int, dj: int, step: int) -> None:
 
 
 def bisected(errors: F32, limit: float) -> I64:
-    """Triangles (M, 3) of node numbers: those of bisection until no edge's middle has an error above the limit.
+    """Triangles (M, 3) of node numbers, from bisection until no edge's middle has an error above the limit.
 
-    errors: (n + 1, n + 1) at the middles of the edges, n a power of two, and nested: so the triangles fit together.
+    errors: (n + 1, n + 1) from `_nested`, n a power of two.
     """
     n = errors.shape[0] - 1
     split = errors.ravel() > limit
@@ -207,34 +219,38 @@ def bisected(errors: F32, limit: float) -> I64:
     triangles = np.array([[corner[3], corner[0], corner[2]], [corner[0], corner[3], corner[1]]])
     done = []
     for _ in range(2 * (n.bit_length() - 1)):
-        go_on = split[(triangles[:, 0] + triangles[:, 1]) // 2]  # the edge between these is the longest
-        done.append(triangles[~go_on])
-        a, b, c = triangles[go_on].T
+        divide = split[(triangles[:, 0] + triangles[:, 1]) // 2]  # the edge between the first two is the longest
+        done.append(triangles[~divide])
+        a, b, c = triangles[divide].T
         middle = (a + b) // 2
         triangles = np.concatenate([np.column_stack([c, a, middle]), np.column_stack([b, c, middle])])
     return np.concatenate([*done, triangles])
 
 
-def _closed(dhf: Dhf, uv: F32, heights: F32, triangles: I64) -> tuple[F64, I64]:
-    """The solid between near and far over the part of the triangles where near <= far."""
+def _closed(dhf: Dhf, uv: F32, heights: F32, triangles: I64) -> TriangleMesh:
+    """The solid between near and far height, over the part of the triangles where near <= far.
+
+    uv: (N, 2) and heights: (2, N) at all nodes. triangles: (M, 3) numbers of nodes.
+    """
     inside = heights[1] >= heights[0]
-    count = inside[triangles].sum(axis=1)
-    whole = triangles[count == 3]
-    # Turned so that the first corner is the one that differs from the other two.
-    one, two = _turned(triangles[count == 1], inside, True), _turned(triangles[count == 2], inside, False)
-    # The edges that the silhouette crosses, from inside to outside.
+    corners_inside = inside[triangles].sum(axis=1)
+    whole = triangles[corners_inside == 3]
+    # Triangles that the silhouette cuts, with one or two corners inside. The first corner differs from the other two.
+    one = _rolled(triangles[corners_inside == 1], inside, True)
+    two = _rolled(triangles[corners_inside == 2], inside, False)
+    # Their cut edges, from inside to outside: from corner 0 to 1 and 0 to 2, and to 0 from 1 and from 2.
     ends = np.concatenate([one[:, [0, 1]], one[:, [0, 2]], two[:, [1, 0]], two[:, [2, 0]]])
     key, number = np.unique(ends @ np.array([len(uv), 1]), return_inverse=True)
-    crossing = np.column_stack(np.divmod(key, len(uv)))
+    cut_edges = np.column_stack(np.divmod(key, len(uv)))
 
+    # Vertices in their order: far heights of the nodes used, near heights of these, silhouette points of the cut edges.
     used = np.unique(np.concatenate([whole.ravel(), one[:, 0], two[:, 1], two[:, 2]]).astype(np.int64))
     place = np.zeros(len(uv), dtype=np.int64)
     place[used] = np.arange(len(used))
-    cut = 2 * len(used) + number.ravel()
-    k = len(one), len(two)
-    one_b, one_c, two_b, two_c = np.split(cut, np.cumsum([k[0], k[0], k[1]]))
+    silhouette = 2 * len(used) + number.ravel()
+    one_b, one_c, two_b, two_c = np.split(silhouette, np.cumsum([len(one), len(one), len(two)]))
     b, c = place[two[:, 1]], place[two[:, 2]]
-    flat = np.concatenate(
+    far = np.concatenate(
         [
             place[whole],
             np.column_stack([place[one[:, 0]], one_b, one_c]),
@@ -242,10 +258,10 @@ def _closed(dhf: Dhf, uv: F32, heights: F32, triangles: I64) -> tuple[F64, I64]:
             np.column_stack([b, two_c, two_b]),
         ]
     )
-    near = np.where(flat < len(used), flat + len(used), flat)  # the silhouette belongs to both
-    faces = np.concatenate([flat, near[:, ::-1], _walls(flat, near)])
+    near = np.where(far < len(used), far + len(used), far)  # both sides share the silhouette
+    faces = np.concatenate([far, near[:, ::-1], _walls(far, near)])
 
-    edge_uv, edge_z = _silhouette(dhf, uv[crossing[:, 0]], uv[crossing[:, 1]])
+    edge_uv, edge_z = _silhouette(dhf, uv[cut_edges[:, 0]], uv[cut_edges[:, 1]])
     vertices = np.concatenate(
         [
             np.column_stack([uv[used], heights[1, used]]),
@@ -253,16 +269,20 @@ def _closed(dhf: Dhf, uv: F32, heights: F32, triangles: I64) -> tuple[F64, I64]:
             np.column_stack([edge_uv, edge_z]),
         ]
     ).astype(np.float64)
-    return vertices @ dhf.record.rotation, faces
+    return TriangleMesh(vertices @ dhf.record.rotation, faces)
 
 
-def _turned(triangles: I64, inside: Mask, value: bool) -> I64:
+def _rolled(triangles: I64, inside: Mask, value: bool) -> I64:
+    """Roll the corners of each triangle until the first one for which `inside` is `value` comes first."""
     first = (inside[triangles] == value).argmax(axis=1)
     return np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 
 def _walls(far: I64, near: I64) -> I64:
-    """Triangles between the boundary edges of the far and of the near surface that do not coincide."""
+    """Triangles that join the boundary edges of the far side to those of the near side, where these are apart.
+
+    far, near: (M, 3) triangles of both sides, in the same order.
+    """
     edges = np.concatenate([far[:, [0, 1]], far[:, [1, 2]], far[:, [2, 0]]])
     below = np.concatenate([near[:, [0, 1]], near[:, [1, 2]], near[:, [2, 0]]])
     size = int(far.max(initial=0)) + 1
@@ -274,12 +294,12 @@ def _walls(far: I64, near: I64) -> I64:
 
 
 def _silhouette(dhf: Dhf, inside: F32, outside: F32) -> tuple[F32, F32]:
-    """Where far = near between points inside and outside (N, 2): (N, 2) and the height (N,) there."""
+    """Points (N, 2) where far = near between `inside` and `outside` (N, 2), and heights (N,) there, by bisection."""
     a, b = np.zeros(len(inside), dtype=np.float32), np.ones(len(inside), dtype=np.float32)
     t = (a + b) / 2
     for _ in range(SILHOUETTE_STEPS):
         t = (a + b) / 2
-        near, far = _heights(dhf, inside + t[:, None] * (outside - inside)).T
+        near, far = _clipped_heights(dhf, inside + t[:, None] * (outside - inside)).T
         a, b = np.where(far >= near, t, a), np.where(far >= near, b, t)
     uv = inside + t[:, None] * (outside - inside)
-    return uv, _heights(dhf, uv).mean(axis=1)
+    return uv, _clipped_heights(dhf, uv).mean(axis=1)

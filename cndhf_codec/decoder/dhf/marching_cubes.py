@@ -1,11 +1,11 @@
 """Marching cubes (Lorensen and Cline, 1987) on the bricks of a narrow band.
 
-scikit-image's works on dense grids: looking at each of their cells takes longer than all that is done here.
+scikit-image's works on dense grids: to look at each of their cells takes longer than all the steps here together.
 
-The table of cases is made by rule. On each face of a cell, outside corners that lie next to one another are cut off
-together from the rest: so inside corners across a face's diagonal are joined, and thin walls hold together. Both cells
-of a face do the same, so the surface is closed. No triangle has an edge within a face that the rule did not put
-there, so no edge of the surface has more than two triangles.
+The table of the 256 cases is made by a rule. On each face of a cell, every run of outside corners is cut off from the
+rest. So inside corners across a face's diagonal are joined, and thin walls hold together. The two cells of a face cut
+it in the same way, so the surface is closed. Triangles have no other edges within a face, so no edge of the surface has
+more than two triangles.
 """
 
 from __future__ import annotations
@@ -13,154 +13,176 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...arrays import I32, I64, Mask
 from ..parallel import over_rows
-from .band import BRICK, INSIDE, LOCAL, Band
+from .band import BRICK_SIDE, FIRST_BRICK_ROW, NODE_OFFSETS, NODES_PER_BRICK, Band
 
 # Corner c of a cell is at (c >> 2 & 1, c >> 1 & 1, c & 1). An edge is its lower corner and its axis.
 CORNERS = tuple(product((0, 1), repeat=3))
-STRIDES = (4, 2, 1)
+CORNER_STRIDES = (4, 2, 1)
 EDGES = tuple((c, axis) for c in range(8) for axis in range(3) if not CORNERS[c][axis])
 Triangle = tuple[int, int, int]
-CELLS_AT_ONCE = 2**14
+ITEMS_AT_ONCE = 2**14  # edges or cells, per thread
 
-# A brick's nodes and those just above it, (125, 3): whose brick each is (by corner), and its number in it.
-PADDED = np.indices((BRICK + 1,) * 3).reshape(3, -1).T
-WHOSE = (PADDED // BRICK) @ STRIDES
-NUMBER = (PADDED % BRICK) @ (BRICK * BRICK, BRICK, 1)
-PADDED_STRIDES = np.array([(BRICK + 1) ** 2, BRICK + 1, 1])
-OWN = LOCAL @ PADDED_STRIDES  # (64,) the brick's own nodes in that order
-FAR_END = (OWN + PADDED_STRIDES[:, None]).ravel()  # (192,) of the edge 64 * axis + node
+# Node i of a brick is at NODE_OFFSETS[i]; NODE_STRIDES @ NODE_OFFSETS[i] = i.
+NODE_STRIDES = (BRICK_SIDE * BRICK_SIDE, BRICK_SIDE, 1)
+EDGES_PER_BRICK = 3 * NODES_PER_BRICK  # edge 64 * axis + node goes from that node along that axis
 
-# A brick's nodes are the bits of a word. By axis: how many bits a step along it is, and the nodes farthest along it.
-SHIFTS = (BRICK * BRICK, BRICK, 1)
-LAST = [sum(1 << i for i, node in enumerate(LOCAL) if node[axis] == BRICK - 1) for axis in range(3)]
+# A padded brick: its nodes and those just above them, 125. For each, the brick that it belongs to (this one is 0, those
+# above are the bits of CORNER_STRIDES) and its number in that brick.
+PADDED_OFFSETS = np.indices((BRICK_SIDE + 1,) * 3).reshape(3, -1).T
+PADDED_BRICK = (PADDED_OFFSETS // BRICK_SIDE) @ CORNER_STRIDES
+PADDED_NODE = (PADDED_OFFSETS % BRICK_SIDE) @ NODE_STRIDES
+PADDED_STRIDES = np.array([(BRICK_SIDE + 1) ** 2, BRICK_SIDE + 1, 1])
+NODE_IN_PADDED = NODE_OFFSETS @ PADDED_STRIDES  # (64,) numbers of a brick's nodes in its padded brick
+UPPER_END = (NODE_IN_PADDED + PADDED_STRIDES[:, None]).ravel()  # (192,) of each edge, in the padded brick
+
+# A brick's nodes as the bits of a word. For each axis, the bits of the nodes that are last along it.
+LAST_NODES = [sum(1 << i for i, at in enumerate(NODE_OFFSETS) if at[axis] == BRICK_SIDE - 1) for axis in range(3)]
 
 
 @dataclass(frozen=True)
 class Edges:
-    """The edges of the grid that the surface crosses.
+    """The N edges of the grid that the surface crosses, and the n bricks in whose cells it lies.
 
-    ends: (N, 2) nodes at both ends, as 64 * row + node with node 0 to 63 of the band's brick in that row. axis: (N,)
+    ends: (N, 2) nodes at both ends, lower first, as 64 * row + node, for node 0 to 63 of the band's brick in that row.
+    axis: (N,) direction.
     """
 
     ends: I32
     axis: I32
-    _row: I32  # (n,) bricks with an edge or a corner of a cell that is crossed
-    _beside: I32  # (n, 8) the bricks at their corners
-    _corner: npt.NDArray[np.uint64]  # (8, n) whether each corner of the cells at their nodes is inside
-    _mixed: npt.NDArray[np.uint64]  # (n,) whether those cells have corners of both kinds
-    _at: I64  # (N,) 192 * number in _row + 64 * axis + node of the edge's lower end
+    _row: I32  # (n,) rows of the bricks
+    _neighbours: I32  # (n, 8) rows of the bricks around their upper corners, as in `neighbour_bricks`
+    _corner_inside: npt.NDArray[np.uint64]  # (8, n) a bit per node: whether corner c of its cell is inside
+    _crossed: npt.NDArray[np.uint64]  # (n,) a bit per node: whether its cell has corners inside and outside
+    _number: I64  # (N,) 192 * place in _row + edge of the brick
 
 
-def bricks_beside(band: Band) -> I32:
-    """(8, n) rows of the bricks at the corners (0, 0, 0), (0, 0, 1), ... of all with values of their own: those that
-    hold the nodes just above them."""
+def neighbour_bricks(band: Band) -> I32:
+    """Rows (8, n) of the n bricks themselves and of those that hold the nodes just above them.
+
+    By corner of a cell: (0, 0, 0) is the brick itself, (0, 0, 1) the next one along the last axis, and so on.
+    """
     # Bricks last: numpy is fast along long last dimensions.
-    steps = np.array(CORNERS, dtype=np.int32).T * BRICK
-    return band.rows(np.ascontiguousarray(band.corners[INSIDE + 1 :].T)[:, None] + steps[..., None])
+    steps = np.array(CORNERS, dtype=np.int32).T * BRICK_SIDE
+    return band.rows(np.ascontiguousarray(band.corners[FIRST_BRICK_ROW:].T)[:, None] + steps[..., None])
 
 
-def crossed_edges(band: Band, beside: I32) -> Edges:
-    """Where the surface crosses the grid. beside: what `bricks_beside` gives."""
+def crossed_edges(band: Band, neighbours: I32) -> Edges:
+    """Find where the surface crosses the grid. neighbours: from `neighbour_bricks`."""
     inside = np.packbits(band.values >= 0, axis=1, bitorder="little").view("<u8")[:, 0].astype(np.uint64)
-    corner = inside[beside]
-    for shift, last, stride in zip(SHIFTS, LAST, STRIDES, strict=True):
+    corner = inside[neighbours]
+    # Shifted along each axis in turn, until a node's bit in corner[c] tells whether corner c of its cell is inside.
+    for shift, last, stride in zip(NODE_STRIDES, LAST_NODES, CORNER_STRIDES, strict=True):
         for c in (c for c in range(8) if not c & stride):
-            here, ahead = corner[c] >> np.uint64(shift), corner[c + stride] << np.uint64((BRICK - 1) * shift)
+            here, ahead = corner[c] >> np.uint64(shift), corner[c + stride] << np.uint64((BRICK_SIDE - 1) * shift)
             corner[c + stride] = (here & ~np.uint64(last)) | (ahead & np.uint64(last))
-    # Now a node's bit in corner[c] says whether corner c of the cell at that node is inside.
-    mixed = np.bitwise_or.reduce(corner) & ~np.bitwise_and.reduce(corner)
-    some = np.flatnonzero(mixed)
-    row, beside, corner = (some + INSIDE + 1).astype(np.int32), np.ascontiguousarray(beside.T[some]), corner[:, some]
+    crossed = np.bitwise_or.reduce(corner) & ~np.bitwise_and.reduce(corner)
+    some = np.flatnonzero(crossed)
+    row = (some + FIRST_BRICK_ROW).astype(np.int32)
+    neighbours, corner = np.ascontiguousarray(neighbours.T[some]), corner[:, some]
 
-    at = np.flatnonzero(_bits(np.stack([corner[0] ^ corner[stride] for stride in STRIDES], axis=1)))
-    brick, edge = np.divmod(at.astype(np.int32), len(FAR_END))
+    number = np.flatnonzero(_bits(np.stack([corner[0] ^ corner[stride] for stride in CORNER_STRIDES], axis=1)))
+    brick, edge = np.divmod(number.astype(np.int32), EDGES_PER_BRICK)
     ends = np.empty((len(edge), 2), dtype=np.int32)
 
     def find_ends(first: int, last: int) -> None:
-        far, home = FAR_END[edge[first:last]], brick[first:last]
-        ends[first:last, 0] = row[home] * len(LOCAL) + edge[first:last] % len(LOCAL)
-        ends[first:last, 1] = beside[home, WHOSE[far]] * len(LOCAL) + NUMBER[far]
+        upper, home = UPPER_END[edge[first:last]], brick[first:last]
+        ends[first:last, 0] = row[home] * NODES_PER_BRICK + edge[first:last] % NODES_PER_BRICK
+        ends[first:last, 1] = neighbours[home, PADDED_BRICK[upper]] * NODES_PER_BRICK + PADDED_NODE[upper]
 
-    over_rows(find_ends, len(edge), CELLS_AT_ONCE)
-    return Edges(ends, edge // len(LOCAL), row, beside, corner, mixed[some], at)
+    over_rows(find_ends, len(edge), ITEMS_AT_ONCE)
+    return Edges(ends, edge // NODES_PER_BRICK, row, neighbours, corner, crossed[some], number)
 
 
 def faces_between(band: Band, edges: Edges) -> I64:
-    """How the crossings join: triangles (M, 3) of numbers of edges, seen anticlockwise from outside."""
-    row, corner = edges._row, edges._corner
-    number = np.empty(len(row) * len(FAR_END), dtype=np.int32)
-    number[edges._at] = np.arange(len(edges._at))
-    place = np.zeros(len(band.values), dtype=np.int32)  # of a brick's first number
-    place[row] = np.arange(0, len(number), len(FAR_END))
-    place = place[edges._beside].ravel()
+    """Triangles (M, 3) between the crossings: numbers of edges in `edges`, anticlockwise seen from outside."""
+    row = edges._row
+    vertex = np.empty(len(row) * EDGES_PER_BRICK, dtype=np.int32)  # of each edge that is crossed
+    vertex[edges._number] = np.arange(len(edges._number))
+    place = np.zeros(len(band.values), dtype=np.int32)  # of a brick's first edge in `vertex`
+    place[row] = np.arange(0, len(vertex), EDGES_PER_BRICK)
+    place = place[edges._neighbours].ravel()
 
-    at = np.flatnonzero(_bits(edges._mixed))
-    case = np.zeros(len(row) * len(LOCAL), dtype=np.uint8)
+    at = np.flatnonzero(_bits(edges._crossed))  # cells: 64 * place of the brick + node
+    case = np.zeros(len(row) * NODES_PER_BRICK, dtype=np.uint8)
     for k in range(8):
-        case |= _bits(corner[k]).view(np.uint8) << k
+        case |= _bits(edges._corner_inside[k]).view(np.uint8) << k
     case = case[at]
-    count, start, whose, slot = case_table()
-    count, start = count[case], start[case]
+    table = case_table()
+    start = table.start[case]
     first_face = np.zeros(len(at) + 1, dtype=np.int64)
-    np.cumsum(count, out=first_face[1:])
-    start -= first_face[:-1]  # plus the number of a face: its row in the table
+    np.cumsum(table.n_faces[case], out=first_face[1:])
+    start -= first_face[:-1]  # so that start plus the number of a face is its column in the table
     faces = np.empty((first_face[-1], 3), dtype=np.int64)
 
     def find_faces(first: int, last: int) -> None:
         these = slice(first_face[first], first_face[last])
-        cell = np.zeros(
-            these.stop - these.start, dtype=np.int64
-        )  # of each face; numpy.repeat lets no thread run beside
+        # The cell of each face. A sum of ones where cells start: numpy.repeat would hold the interpreter's lock.
+        cell = np.zeros(these.stop - these.start, dtype=np.int64)
         cell[first_face[first + 1 : last] - these.start] = 1
         np.cumsum(cell, out=cell)
-        home, node = at[first:last] // len(LOCAL), at[first:last] % len(LOCAL)
-        row_of = (node * len(whose[0]) // len(LOCAL) + start[first:last]).take(cell)
-        row_of += np.arange(these.start, these.stop)
+        home, node = at[first:last] // NODES_PER_BRICK, at[first:last] % NODES_PER_BRICK
+        column = (node * len(table.brick[0]) // NODES_PER_BRICK + start[first:last]).take(cell)
+        column += np.arange(these.start, these.stop)
         home = (home * len(CORNERS)).take(cell)
-        at_edge = whose.take(row_of, axis=1) + home
-        at_edge = place.take(at_edge)
-        at_edge += slot.take(row_of, axis=1)
-        for k, numbers in enumerate(at_edge):  # numpy is slow along rows of three
-            faces[these, k] = number.take(numbers)
+        edge = table.brick.take(column, axis=1) + home
+        edge = place.take(edge)
+        edge += table.edge.take(column, axis=1)
+        for k, numbers in enumerate(edge):  # numpy is slow along rows of three
+            faces[these, k] = vertex.take(numbers)
 
-    over_rows(find_faces, len(at), CELLS_AT_ONCE)
+    over_rows(find_faces, len(at), ITEMS_AT_ONCE)
     return faces
 
 
 def _bits(words: npt.NDArray[np.uint64]) -> Mask:
-    """The bits of words, lowest first, one after the other."""
+    """The bits of all words in turn, lowest first."""
     return np.unpackbits(words.astype("<u8").view(np.uint8), bitorder="little").view(bool)
 
 
-@lru_cache(maxsize=1)
-def case_table() -> tuple[I64, I64, npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+class CaseTable(NamedTuple):
     """The triangles of each case, for a cell at each of a brick's nodes.
 
-    Those of case c, the sum of 2^corner over the inside corners, are count[c] rows from start[c] on of (3, 64, rows)
-    whose and slot: by corner, whose brick the edge with that corner belongs to, and its number there, 64 * axis + node.
+    A case is the sum of 2^corner over a cell's inside corners. Case c at node n has the triangles in columns
+    start[c] to start[c] + n_faces[c] of brick and edge, read as (3, 64, columns) at [:, n]. For each of the three
+    corners of a triangle they tell which grid edge it lies on: `brick` is the edge's brick (0 to 7, as in
+    `neighbour_bricks`) and `edge` its number there, 64 * axis + node.
+
+    n_faces, start: (256,). brick, edge: (3, 64 * columns).
     """
+
+    n_faces: I64
+    start: I64
+    brick: npt.NDArray[np.uint8]
+    edge: npt.NDArray[np.uint8]
+
+
+@lru_cache(maxsize=1)
+def case_table() -> CaseTable:
+    """Make the table of cases, once."""
     cases = [_triangles(case) for case in range(256)]
     edges = np.array([t for case in cases for t in case])
-    count = np.array([len(case) for case in cases])
+    n_faces = np.array([len(case) for case in cases])
     lower, axis = np.array(EDGES)[edges.T].transpose(2, 0, 1)[:, :, None]
-    padded = OWN[:, None] + (np.array(CORNERS) @ PADDED_STRIDES)[lower]
-    slot = NUMBER[padded] + len(LOCAL) * axis
-    return count, np.cumsum(count) - count, *(x.astype(np.uint8).reshape(3, -1) for x in (WHOSE[padded], slot))
+    padded = NODE_IN_PADDED[:, None] + (np.array(CORNERS) @ PADDED_STRIDES)[lower]
+    number = PADDED_NODE[padded] + NODES_PER_BRICK * axis
+    brick, edge = (x.astype(np.uint8).reshape(3, -1) for x in (PADDED_BRICK[padded], number))
+    return CaseTable(n_faces, np.cumsum(n_faces) - n_faces, brick, edge)
 
 
 def _triangles(case: int) -> list[Triangle]:
-    """The surface in a cell as triangles of edge numbers."""
+    """The surface within a cell: triangles of numbers in EDGES."""
     inside = [bool(case >> c & 1) for c in range(8)]
     follows: dict[int, int] = {}
     for face in _faces():
         for i in range(4):
-            if not inside[face[i]] and inside[face[i - 1]]:  # a run of outside corners starts here
+            if not inside[face[i]] and inside[face[i - 1]]:  # the first of a run of outside corners
                 j = i
                 while not inside[face[(j + 1) % 4]]:
                     j += 1
@@ -171,13 +193,13 @@ def _triangles(case: int) -> list[Triangle]:
         while (edge := follows.pop(loop[-1])) != loop[0]:
             loop.append(edge)
         triangles = _triangulated(loop)
-        assert triangles is not None  # of 256 cases there is none without
+        assert triangles is not None  # true for all 256 cases
         out += triangles
     return out
 
 
 def _triangulated(loop: list[int]) -> list[Triangle] | None:
-    """A polygon of edge numbers as triangles none of whose diagonals lies in a face of the cell."""
+    """A polygon of edge numbers as triangles, without diagonals within a face of the cell; None if impossible."""
     last = len(loop) - 1
     if last < 2:
         return []
@@ -191,20 +213,22 @@ def _triangulated(loop: list[int]) -> list[Triangle] | None:
 
 @lru_cache(maxsize=1)
 def _faces() -> list[tuple[int, int, int, int]]:
-    """The corners of each face, anticlockwise from outside."""
+    """The corners of each face of a cell, anticlockwise seen from outside."""
     out = []
     for axis, side in product(range(3), (0, 1)):
-        u, v = STRIDES[(axis + 1) % 3], STRIDES[(axis + 2) % 3]
-        base = side * STRIDES[axis]
+        u, v = CORNER_STRIDES[(axis + 1) % 3], CORNER_STRIDES[(axis + 2) % 3]
+        base = side * CORNER_STRIDES[axis]
         ring = (base, base + u, base + u + v, base + v)
         out.append(ring if side else ring[::-1])
     return out
 
 
 def _edge(a: int, b: int) -> int:
-    return EDGES.index((min(a, b), STRIDES.index(abs(a - b))))
+    """The number in EDGES of the edge between two corners."""
+    return EDGES.index((min(a, b), CORNER_STRIDES.index(abs(a - b))))
 
 
 def _share_face(a: int, b: int) -> bool:
-    ends = [{lower, lower + STRIDES[axis]} for lower, axis in (EDGES[a], EDGES[b])]
+    """Whether two edges lie in one face of the cell."""
+    ends = [{lower, lower + CORNER_STRIDES[axis]} for lower, axis in (EDGES[a], EDGES[b])]
     return any(ends[0] | ends[1] <= set(face) for face in _faces())

@@ -7,28 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...arrays import F32
-from ..parallel import PRODUCT, over_rows
+from ..parallel import MULTIPLICATIONS_IN_ONE_THREAD, over_rows
 
-# Numbers of a layer that are evaluated at once, points times width: they stay in the processor's cache.
-CHUNK = 2**17
+# Values of a layer (points times width) that are evaluated at once: they fit into the processor's cache.
+VALUES_AT_ONCE = 2**17
 
 
 class Network:
     """(u, v) -> (near, far): sine layers sin(omega (W x + b)), then one linear layer."""
 
     def __init__(self, tensors: Sequence[F32], omega_first: float, omega_hidden: float) -> None:
-        """tensors: as `format.container.tensor_shapes` orders and shapes them."""
+        """tensors: in the order and shapes of `format.container.tensor_shapes`."""
         matrices, biases = tensors[0::2], tensors[1::2]
-        self._widest = max(W.shape[1] for W in matrices)
+        self._max_inputs = max(W.shape[1] for W in matrices)
         omegas = [omega_first] + [omega_hidden] * (len(matrices) - 2) + [1.0]
-        # omega is folded into the tensors once.
+        # sin(omega (W x + b)) = sin((omega W) x + omega b): one product less per layer.
         self.matrices = [np.ascontiguousarray(W * np.float32(o)) for W, o in zip(matrices, omegas, strict=True)]
         self.biases = [(b * np.float32(o))[:, None] for b, o in zip(biases, omegas, strict=True)]
 
     def __call__(self, uv: F32) -> F32:
         """(N, 2) float32 -> (N, 2) float32: near and far height.
 
-        Fastest when each of the two columns is contiguous, as those of the heights are.
+        Fastest when each column of uv is contiguous. The columns of the result are.
         """
         out = np.empty((2, len(uv)), dtype=np.float32)
 
@@ -40,13 +40,13 @@ class Network:
                 np.sin(x, out=x)
             out[:, first:last] = _unstacked(self.matrices[-1] @ x + self.biases[-1], last - first)
 
-        over_rows(work, len(uv), -(-CHUNK // self._widest))
+        over_rows(work, len(uv), -(-VALUES_AT_ONCE // self._max_inputs))
         return out.T
 
     def gradient(self, uv: F32) -> tuple[F32, F32]:
         """(N, 2) float32 -> heights (N, 2) and their derivatives (N, 2, 2): [n, k, j] is d height k / d uv j.
 
-        Analytic, by the chain rule from the input on; some three times the cost of the heights alone.
+        Analytic, by the chain rule from the input on; takes about three times as long as the heights alone.
         """
         heights = np.empty((2, len(uv)), dtype=np.float32)
         derivatives = np.empty((2, 2, len(uv)), dtype=np.float32)
@@ -67,12 +67,16 @@ class Network:
             derivatives[:, 0, first:last] = _unstacked(W @ du, n)
             derivatives[:, 1, first:last] = _unstacked(W @ dv, n)
 
-        over_rows(work, len(uv), -(-CHUNK // (4 * self._widest)))
+        over_rows(work, len(uv), -(-VALUES_AT_ONCE // (4 * self._max_inputs)))
         return heights.T, np.moveaxis(derivatives, -1, 0)
 
     def _stack(self, uv: F32) -> F32:
-        """(n, 2) -> (stack, 2, points), filled up with zeros: numpy is fast along long last dimensions."""
-        points = min(max(1, PRODUCT // self._widest**2), max(1, len(uv)))
+        """(n, 2) -> (stack, 2, points), padded with zeros.
+
+        Points come last because numpy is fast along long last dimensions; their number is limited so that no product
+        starts the threads of BLAS.
+        """
+        points = min(max(1, MULTIPLICATIONS_IN_ONE_THREAD // self._max_inputs**2), max(1, len(uv)))
         stack = -(-len(uv) // points)
         out = np.zeros((2, stack * points), dtype=np.float32)
         out[:, : len(uv)] = uv.T
@@ -80,5 +84,5 @@ class Network:
 
 
 def _unstacked(x: F32, n: int) -> F32:
-    """(stack, 2, points) -> (2, n)."""
+    """(stack, 2, points) -> (2, n), without the padding."""
     return x.swapaxes(0, 1).reshape(2, -1)[:, :n]

@@ -1,6 +1,6 @@
-"""Height tables: a DHF's heights on a regular grid over its domain, looked up bilinearly, and their bounds.
+"""Height tables: a DHF's heights at a regular grid over its domain, interpolated bilinearly, and bounds of them.
 
-For grids, where a network evaluation at every node would cost tens of times as much.
+For grids of nodes in space: to evaluate the network at every node would take tens of times as long.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import reduce
 import numpy as np
 
 from ...arrays import F32, F64
-from ..parallel import product
+from ..parallel import matmul
 from .field import Dhf
 
 Extremum = Callable[[F32, F32], F32]  # np.minimum or np.maximum
@@ -20,7 +20,7 @@ Extremum = Callable[[F32, F32], F32]  # np.minimum or np.maximum
 class HeightTable:
     """Near and far height of one DHF at nodes that are at most `spacing` apart (normalised units).
 
-    Not interpolated any closer: a cubic swings beside a silhouette, where the heights of a solid bend most.
+    Bilinear, not cubic: next to a silhouette, where heights bend most, a cubic would overshoot.
     """
 
     def __init__(self, dhf: Dhf, spacing: float) -> None:
@@ -33,21 +33,21 @@ class HeightTable:
         self.values = heights.T.reshape(2, *self.shape)  # near, far
 
     def __call__(self, u: F32, v: F32) -> tuple[F32, F32]:
-        """(N,), (N,) -> near and far heights (N,) each; the table's last rows and columns go on beyond its edge."""
+        """u, v (N,) -> near and far heights (N,) each; beyond the table's edge, those at the edge."""
         near, far = (self.height(side, self.steps(u, 0), self.steps(v, 1)) for side in range(2))
         return near, far
 
     def steps(self, x: F32, axis: int) -> F32:
-        """u (axis 0) or v (axis 1) as steps from the first node."""
+        """Coordinates u (axis 0) or v (axis 1), in steps from the first node."""
         x = x - self.lo[axis]
         x /= self.step[axis]
         return x
 
     def height(self, side: int, u: F32, v: F32) -> F32:
-        """Near (0) or far (1) height, as a call gives it, at u and v in steps, which are overwritten."""
+        """Near (side 0) or far (side 1) height (N,) at u and v (N,) in steps. Overwrites u and v."""
         cells = []
         for x, nodes in zip((u, v), self.shape, strict=True):
-            # The largest number below the last node's is still in the last cell.
+            # The greatest number below the last node's is still in the last cell.
             np.clip(x, 0, np.nextafter(np.float32(nodes - 1), np.float32(0)), out=x)
             cells.append(x.astype(np.int32))
             x -= cells[-1].astype(np.float32)
@@ -66,9 +66,9 @@ class HeightTable:
         return a
 
     def solid_box(self, dhf: Dhf) -> tuple[F64, F64]:
-        """Lowest and highest corner, in the normalised frame, of the heights at nodes where far >= near.
+        """Lowest and highest corner (3,), in the normalised frame, of a box around the surface at nodes in the solid.
 
-        (inf, -inf) where there is no such node.
+        A node is in the solid where far >= near. Without any, the corners are inf and -inf.
         """
         near, far = self.values
         at = np.flatnonzero(far >= near)
@@ -78,19 +78,19 @@ class HeightTable:
         lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
         for heights in (near, far):
             uvz[2] = np.clip(heights.ravel()[at], *dhf.bounds[2])
-            points = product(dhf.rotation.T, uvz)
+            points = matmul(dhf.rotation.T, uvz)
             lo = np.minimum(lo, points.min(axis=1, initial=np.inf))
             hi = np.maximum(hi, points.max(axis=1, initial=-np.inf))
         return lo, hi
 
 
 class HeightBounds:
-    """Least and greatest heights that a table gives anywhere in a rectangle of fixed size."""
+    """Least and greatest heights that a table gives in a rectangle of fixed size, wherever it lies."""
 
     def __init__(self, table: HeightTable, size: F32) -> None:
-        """size: (2,) of the rectangle in u and v."""
+        """size: (2,) sides of the rectangle along u and v, normalised units."""
         self.lo, self.step, self.last = table.lo, table.step, table.shape - 2
-        # As many nodes as a rectangle's lookups read, one more for rounding.
+        # As many nodes as interpolation anywhere in the rectangle reads, and one more for rounding.
         nodes = np.floor(size / table.step).astype(int) + 4
         self.pool = max(1, int(nodes.min()) // 8)
         windows = (nodes - 2) // self.pool + 2
@@ -103,7 +103,7 @@ class HeightBounds:
         self.values = np.stack(bounds)
 
     def __call__(self, u: F32, v: F32) -> F32:
-        """Lowest corners u, v (N,) -> (4, N): least near, least far, greatest near, greatest far height."""
+        """Lowest corners u, v (N,) of rectangles -> (4, N): least near, least far, greatest near, greatest far."""
         at = []
         for k, x in enumerate((u, v)):
             node = np.floor((x - self.lo[k]) / self.step[k] - np.float32(0.01))
@@ -112,14 +112,14 @@ class HeightBounds:
 
 
 def _pooled(values: F32, extremum: Extremum, axis: int, size: int) -> F32:
-    """Extrema of groups of `size` along `axis`; the last group may be smaller."""
+    """Extrema of groups of `size` values along `axis`; the last group may be smaller."""
     a = np.moveaxis(values, axis, 0)
     a = np.concatenate([a, np.repeat(a[-1:], -len(a) % size, axis=0)])
     return np.moveaxis(reduce(extremum, [a[k::size] for k in range(size)]), 0, axis)
 
 
 def _sliding(values: F32, extremum: Extremum, axis: int, size: int) -> F32:
-    """Extrema of the `size` values from each one on along `axis`, or as many as there are."""
+    """Extrema of `size` values along `axis`, starting at each; fewer at the end."""
     a = np.moveaxis(values, axis, 0)
     n = len(a)
     a = np.concatenate([a, np.repeat(a[-1:], size - 1, axis=0)])

@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from skimage import measure
 
 from cndhf_codec import load
-from cndhf_codec.decoder.dhf import band
-from cndhf_codec.decoder.dhf import isosurface as surface
-from cndhf_codec.decoder.dhf.marching_cubes import bricks_beside, crossed_edges, faces_between
+from cndhf_codec.decoder.dhf import band, isosurface
+from cndhf_codec.decoder.dhf.band import DhfBounds
+from cndhf_codec.decoder.dhf.marching_cubes import crossed_edges, faces_between, neighbour_bricks
 from cndhf_codec.errors import OptionError, SurfaceError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
@@ -102,8 +102,8 @@ def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make, golden):
 
     def unbounded(dhf, bounds, centres, half):
         looked_at.append(len(centres))
-        sides, lower, upper = original(dhf, bounds, centres, half)
-        return np.full_like(sides, -np.inf), np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
+        terms, lower, upper = original(dhf, bounds, centres, half)
+        return DhfBounds(np.full_like(terms, -np.inf), np.full_like(lower, -np.inf), np.full_like(upper, np.inf))
 
     monkeypatch.setattr(band, "dhf_bounds", unbounded)
     dense = model.to_mesh(60)
@@ -114,8 +114,8 @@ def test_the_band_gives_the_mesh_of_the_whole_grid(monkeypatch, make, golden):
 
 def test_height_tables_are_made_once_for_surfaces_of_one_resolution(monkeypatch):
     made = []
-    original = surface.make_grid
-    monkeypatch.setattr(surface, "make_grid", lambda *a: made.append(a[1]) or original(*a))
+    original = isosurface.make_grid
+    monkeypatch.setattr(isosurface, "make_grid", lambda *a: made.append(a[1]) or original(*a))
     model = wavy()
     assert made == []
     for _ in range(2):
@@ -130,16 +130,16 @@ def test_height_tables_are_made_once_for_surfaces_of_one_resolution(monkeypatch)
 def test_the_band_grows_with_the_surface():
     bricks = []
     for resolution in (64, 128, 256):
-        grid, tables = surface.make_grid(wavy()._dhfs, resolution)
-        bricks.append(len(band.narrow_band(grid, wavy()._dhfs, tables).values))
+        grid, tables = isosurface.make_grid(wavy()._solid.dhfs, resolution)
+        bricks.append(len(band.narrow_band(grid, wavy()._solid.dhfs, tables).values))
     assert bricks[1] < 5 * bricks[0]
     assert bricks[2] < 5 * bricks[1]
     assert bricks[2] * 64 < 0.15 * np.prod(grid.shape)
 
 
 def test_marching_cubes_agrees_with_scikit_image():
-    dhfs = wavy()._dhfs
-    grid, tables = surface.make_grid(dhfs, 50)
+    dhfs = wavy()._solid.dhfs
+    grid, tables = isosurface.make_grid(dhfs, 50)
     nodes = grid.origin + grid.spacing * np.stack(np.indices(grid.shape), axis=-1)
     points = nodes.reshape(-1, 3).astype(np.float32)
     f = np.minimum.reduce([d.implicit(points, t) for d, t in zip(dhfs, tables, strict=True)]).reshape(grid.shape)
@@ -159,25 +159,27 @@ def test_any_signs_give_a_closed_surface():
     # Noise: all cases of a cell come up, next to one another.
     n = 24
     rng = np.random.default_rng(0)
-    shape = (n // band.BLOCK + 1,) * 3
-    blocks = np.full([k + 1 for k in shape], band.OUTSIDE, np.int32)
+    shape = (n // band.BLOCK_SIDE + 1,) * 3
+    blocks = np.full([k + 1 for k in shape], band.OUTSIDE_ROW, np.int32)
     blocks[:-1, :-1, :-1] = np.arange(2, 2 + np.prod(shape)).reshape(shape)
     bricks = np.concatenate([np.full((2, 64), [[0], [1]]), np.arange(2, 2 + 64 * np.prod(shape)).reshape(-1, 64)])
-    corners = (np.argwhere(np.ones(shape))[:, None] * band.BLOCK + band.LOCAL * band.BRICK).reshape(-1, 3)
+    corners = np.argwhere(np.ones(shape))[:, None] * band.BLOCK_SIDE + band.NODE_OFFSETS * band.BRICK_SIDE
+    corners = corners.reshape(-1, 3)
     values = rng.choice([-1, 1], (2 + len(corners), 64)).astype(np.float32)
-    border = np.any((corners[:, None] + band.LOCAL == 0) | (corners[:, None] + band.LOCAL >= n - 1), axis=-1)
+    nodes = corners[:, None] + band.NODE_OFFSETS
+    border = np.any((nodes == 0) | (nodes >= n - 1), axis=-1)
     values[2:][border] = -1
-    values[band.OUTSIDE] = -1
+    values[band.OUTSIDE_ROW] = -1
     corners = np.concatenate([np.zeros((2, 3)), corners]).astype(np.int32)
-    nobody = np.full(values.shape, band.NOBODY, dtype=np.uint8)
+    nobody = np.full(values.shape, band.NO_DHF, dtype=np.uint8)
     noise = band.Band(band.Grid(np.zeros(3), 1.0, (n, n, n)), corners, values, nobody, blocks, bricks.astype(np.int32))
-    edges = crossed_edges(noise, bricks_beside(noise))
+    edges = crossed_edges(noise, neighbour_bricks(noise))
     ends, axis, faces = edges.ends, edges.axis, faces_between(noise, edges)
     assert len(np.unique(ends[:, 0].astype(np.int64) * 3 + axis)) == len(ends)
     signs = values.ravel()[ends]
     assert np.all(signs[:, 0] * signs[:, 1] < 0)
     row, node = np.divmod(ends, 64)
-    first, last = np.moveaxis(corners[row] + band.LOCAL[node], 1, 0)
+    first, last = np.moveaxis(corners[row] + band.NODE_OFFSETS[node], 1, 0)
     assert np.array_equal(last - first, np.eye(3, dtype=int)[axis])
     vertices = first + 0.5 * np.eye(3)[axis]
     mesh = trimesh.Trimesh(vertices, faces, process=False)
@@ -214,7 +216,7 @@ def test_steep_walls_stand_where_they_are(monkeypatch, quaternion):
         return 1 - (inside.any(axis=1) & ~inside.all(axis=1)).mean()
 
     share = off_the_surface()
-    monkeypatch.setattr(surface, "set_walls_right", lambda band, dhfs, ends: False)
+    monkeypatch.setattr(isosurface, "refine_steep_nodes", lambda band, dhfs, ends: False)
     assert share < 0.5 * off_the_surface()
 
 
@@ -276,7 +278,7 @@ def test_a_speck_in_a_large_domain_does_not_ask_for_a_huge_table():
     a, b = slab((-1, -1, -1), (0, 0, 0)), slab((-tiny, -tiny, -tiny), (1, 1, 1))
     m = analytic.model(a, b)
     nodes = []
-    original = surface.HeightTable.__init__
+    original = isosurface.HeightTable.__init__
 
     def counted(self, dhf, spacing):
         size = (dhf.bounds[:2, 1] - dhf.bounds[:2, 0]) / spacing
@@ -285,6 +287,6 @@ def test_a_speck_in_a_large_domain_does_not_ask_for_a_huge_table():
         original(self, dhf, spacing)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(surface.HeightTable, "__init__", counted)
+        patch.setattr(isosurface.HeightTable, "__init__", counted)
         m.to_mesh(64)
     assert nodes

@@ -10,7 +10,8 @@ import trimesh
 from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, ring, slab, wavy
 
 from cndhf_codec import Limits, load, loads
-from cndhf_codec.decoder.dhf import intersection as solids
+from cndhf_codec.decoder.dhf import intersection
+from cndhf_codec.decoder.results import TriangleMesh
 from cndhf_codec.errors import OptionError, SurfaceError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
@@ -101,9 +102,9 @@ def test_bisection_fits_together_at_any_density():
     rng = np.random.default_rng(0)
     for levels in (1, 2, 5):
         n = 2**levels
-        errors = solids._nested(rng.random((n + 1, n + 1)).astype(np.float32) ** 4)
+        errors = intersection._nested(rng.random((n + 1, n + 1)).astype(np.float32) ** 4)
         for limit in (-1.0, 0.3, 0.9, 2.0):
-            triangles = solids.bisected(errors, limit)
+            triangles = intersection.bisected(errors, limit)
             x, y = np.divmod(triangles, n + 1)
             area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
             assert np.all(area > 0)
@@ -127,7 +128,7 @@ def test_a_plate_thinner_than_any_cell():
 
 
 def test_a_simplification_that_loses_volume_is_a_failure(monkeypatch):
-    original = solids._intersected
+    original = intersection._intersected
 
     class Shrunk:
         def __init__(self, whole):
@@ -139,7 +140,7 @@ def test_a_simplification_that_loses_volume_is_a_failure(monkeypatch):
         def simplify(self, tolerance):
             return self.whole.simplify(tolerance).scale((0.99,) * 3)
 
-    monkeypatch.setattr(solids, "_intersected", lambda *a: Shrunk(original(*a)))
+    monkeypatch.setattr(intersection, "_intersected", lambda *a: Shrunk(original(*a)))
     with pytest.warns(UserWarning, match="simplification changes its volume"):
         wavy().to_mesh(24, method="intersection")
 
@@ -155,7 +156,7 @@ def test_a_failure_falls_back_to_marching_cubes(monkeypatch):
     def fail(*_):
         raise SurfaceError("manifold3d refuses the intersection (NotManifold)")
 
-    monkeypatch.setattr(solids, "intersection", fail)
+    monkeypatch.setattr(intersection, "intersection", fail)
     with pytest.warns(UserWarning, match="NotManifold.*marching cubes"):
         mesh = wavy().to_mesh(24, method="intersection")
     assert np.array_equal(mesh.faces, wavy().to_mesh(24).faces)
@@ -163,15 +164,20 @@ def test_a_failure_falls_back_to_marching_cubes(monkeypatch):
 
 def test_a_wrong_volume_is_a_failure(monkeypatch):
     box = trimesh.creation.box((0.1, 0.1, 0.1))
-    monkeypatch.setattr(solids, "intersection", lambda *_: (box.vertices, box.faces))
+    monkeypatch.setattr(intersection, "intersection", lambda *_: TriangleMesh(box.vertices, box.faces))
     with pytest.warns(UserWarning, match="volume"):
         mesh = wavy().to_mesh(24, method="intersection")
     assert mesh.volume > 0.1
 
 
 def test_open_meshes_are_refused_by_status(monkeypatch):
-    original = solids.Plane.solid
-    monkeypatch.setattr(solids.Plane, "solid", lambda *a: (original(*a)[0], original(*a)[1][1:]))
+    original = intersection.DhfTriangulation.solid
+
+    def opened(*arguments):
+        vertices, faces = original(*arguments)
+        return TriangleMesh(vertices, faces[1:])
+
+    monkeypatch.setattr(intersection.DhfTriangulation, "solid", opened)
     with pytest.warns(UserWarning, match="NotManifold"):
         wavy().to_mesh(24, method="intersection")
 
