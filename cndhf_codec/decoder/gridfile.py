@@ -7,9 +7,9 @@ import os
 
 import numpy as np
 
+from ..arguments import path_like
 from ..arrays import F64, Mask
 from ..files import write_atomically
-from .arguments import path_like
 
 
 def write_grid(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
+from ..arguments import real_number, whole_number
 from ..errors import OptionError, SurfaceError
 from ..format import Container
-from .arguments import real_number, whole_number
 
 MIN_RESOLUTION = 8
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import path_like
 from ..arrays import F64, I64
 from ..errors import OptionError, require
 from ..files import write_atomically
-from .arguments import path_like
 
 EXTENSIONS = (".ply", ".obj", ".stl", ".off", ".glb")
 NORMALS_OPTIONS = {"ply": "vertex_normal", "obj": "include_normals", "glb": "include_normals"}  # of trimesh's exporters

@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
+from ..arguments import bytes_like, chunks, length, path_like, real_number, rows, vectors, whole_number
 from ..arrays import F32, Mask
 from ..errors import CndhfWarning, FormatError, InputError, LimitError, OptionError, SurfaceError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
-from .arguments import bytes_like, chunks, length, path_like, real_number, rows, vectors, whole_number
 from .dhf.field import implicit, implicit_gradient
 from .dhf.solid import DhfSolid
 from .limits import Limits

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..arguments import positive, whole_in
 from ..decoder.model import Model, loads
 from ..decoder.parallel import processors
 from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
@@ -22,7 +23,6 @@ from ..mesh.bodies import bodies_of_solid, bodies_of_surface
 from ..mesh.distances import surface_distances
 from ..mesh.lengths import parse_length
 from ..mesh.prepare import Prepared, prepare, solid_or_error
-from ..options import positive, whole
 from .deadline import Deadline
 from .progress import OnStep, Progress, silent
 from .report import Report, unseen
@@ -116,8 +116,8 @@ def encode(
     if limit is not None and (target_size is not None or width is not None or not isinstance(settings, DhfSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
-    deadline = Deadline() if time_limit is None else Deadline(positive("time limit", time_limit, "seconds"))
-    threads = processors() if threads is None else whole("threads", threads, 1)
+    deadline = Deadline() if time_limit is None else Deadline(positive(time_limit, "time limit", "seconds"))
+    threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
     # Named before any work is done: a library that is missing, and a name that cannot be stored.
     for library in ("torch", "numba", "embreex", "igl", "trimesh", "threadpoolctl"):
@@ -153,7 +153,7 @@ def encode(
 
 
 def check_seed(seed: object) -> int:
-    return whole("seed", seed, 0, LARGEST_SEED)
+    return whole_in(seed, "seed", 0, LARGEST_SEED)
 
 
 class _Run:

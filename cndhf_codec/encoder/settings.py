@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
+from ..arguments import whole_in
 from ..errors import OptionError
 from ..format.constants import MAX_DHFS, MAX_FILE_SIZE, MAX_WIDTH
 from ..mesh.lengths import parse_size
-from ..options import whole
 from .dhf.settings import BEST, DEFAULT, FAST, DhfSettings
 from .paper.settings import PAPER, PaperSettings
 
@@ -32,11 +32,11 @@ def settings_for(
         raise OptionError(f"preset is {preset!r}; there are {', '.join(PRESETS)}")
     settings = PRESETS[preset]
     if axes is not None:
-        settings = replace(settings, max_axes=whole("axes", axes, 1, MAX_DHFS))
+        settings = replace(settings, max_axes=whole_in(axes, "axes", 1, MAX_DHFS))
     if width is not None and target_size is not None:
         raise OptionError("width and target size are both given; the size decides the width, so give one of them")
     if width is not None:
-        width = whole("width", width, LEAST_WIDTH, MAX_WIDTH)
+        width = whole_in(width, "width", LEAST_WIDTH, MAX_WIDTH)
         if isinstance(settings, DhfSettings):
             return replace(settings, width=width, target_size=None)
         return replace(settings, width=width)

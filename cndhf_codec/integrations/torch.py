@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..decoder.arguments import whole_number
+from ..arguments import whole_number
 from ..decoder.model import Model
 from ..errors import OptionError, require
 from ..format.container import fold

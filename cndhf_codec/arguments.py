@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import OptionError
+from .errors import OptionError
 
 
 def whole_number(value: Any, name: str) -> int:
@@ -22,6 +23,24 @@ def whole_number(value: Any, name: str) -> int:
         return operator.index(value)
     except TypeError:
         raise OptionError(f"{name} is {value!r}; a whole number is needed") from None
+
+
+def whole_in(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """A whole number from `least` to `most`, inclusive. Raises OptionError."""
+    if isinstance(value, bool):
+        raise OptionError(f"{name} is {value!r}; a whole number is needed")
+    number = whole_number(value, name)
+    if number < least or (most is not None and number > most):
+        allowed = f"{least} or more" if most is None else f"{least} to {most}"
+        raise OptionError(f"{name} is {number}; {allowed} are allowed")
+    return number
+
+
+def positive(value: Any, name: str, unit: str) -> float:
+    """A finite number above zero. Raises OptionError."""
+    if not isinstance(value, Real) or isinstance(value, bool) or not 0 < float(value) < math.inf:
+        raise OptionError(f"{name} is {value!r}; give a positive number of {unit}")
+    return float(value)
 
 
 def real_number(value: Any, name: str) -> Any:
