@@ -41,8 +41,8 @@ class Attempts:
 
 
 def test_the_aim_follows_what_the_last_attempt_came_to(solid, frames, monkeypatch):
-    # Too large, too small, good.
-    attempts = Attempts(monkeypatch, [1.1 * ROOM, 0.8 * ROOM, 0.99 * ROOM], [10, 10, 10, 10])
+    # Too large, far too small, good.
+    attempts = Attempts(monkeypatch, [1.1 * ROOM, 0.8 * ROOM, 0.99 * ROOM], [10, 10, 10, 9])
     assert attempts.run(solid, frames) == 3
     first = to_size.SIZE_AIM * ROOM
     assert attempts.aims == pytest.approx([first, first * 0.98 / 1.1, first * 0.98 / 1.1 * 0.98 / 0.8])
