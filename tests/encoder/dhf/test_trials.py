@@ -128,7 +128,7 @@ def test_sets_that_must_leave_more_than_others_reach_are_not_tried(monkeypatch):
         """Axes from the end; the last set is tried first."""
         tried.clear()
         monkeypatch.setattr(AxisCosts, "sets", lambda self, count: [[len(self.axes) - k] for k in sets])
-        trials.make_plan(job_of(solid, replace(SMALL, target_size=4096, max_axes=1)), Deadline())
+        trials.make_plan(job_of(solid, replace(SMALL, target_size=1024, max_axes=1)), Deadline())
         return tried
 
     monkeypatch.setattr(trials, "mirror_planes", lambda solid, seed: [])  # else these have candidates of their own
