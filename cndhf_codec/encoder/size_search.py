@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from ..errors import EncodeError
 
-FIRST, SMALLEST, LARGEST = 4096, 600, 24_576  # bytes of the first file tried, and of those that may be
+FIRST_SIZE, SMALLEST_SIZE, LARGEST_SIZE = 4096, 600, 24_576  # bytes of the first file tried, and of those that may be
 TRIES = 6
 SLOPE = 0.8  # of log error against log bytes, before anything is known of the mesh
 CLOSE_ENOUGH = 1.05  # a file this much larger than one that fails is small enough
@@ -23,7 +23,7 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: fl
     about as a power of the size: the next size is where that power, or the one that the last two tell, meets the limit.
     Raises EncodeError when the largest size does not meet it.
     """
-    size, best = FIRST, None
+    size, best = FIRST_SIZE, None
     fails, meets = (0, math.inf), (0, 0.0)  # the largest size that fails and the smallest that meets, with their errors
     for k in range(TRIES):
         result, error = attempt(size, TRIES - 1 - k)
@@ -32,13 +32,13 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: fl
         elif size > fails[0]:
             fails = (size, error)
         if best is None:
-            if size == LARGEST:
+            if size == LARGEST_SIZE:
                 break
-            size = min(_at_limit(size, error, SLOPE, limit, 1.25), LARGEST)
+            size = min(_at_limit(size, error, SLOPE, limit, 1.25), LARGEST_SIZE)
         elif fails[0] == 0:
-            if size == SMALLEST:
+            if size == SMALLEST_SIZE:
                 break
-            size = max(min(_at_limit(size, error, SLOPE, limit, 0.0), round(size / 1.1)), SMALLEST)
+            size = max(min(_at_limit(size, error, SLOPE, limit, 0.0), round(size / 1.1)), SMALLEST_SIZE)
         elif meets[0] <= CLOSE_ENOUGH * fails[0]:
             break
         else:

@@ -11,23 +11,25 @@ from .connectivity import component_boxes, connected, face_components
 from .sampling import draw_faces, points_in
 from .solid import Solid, signed_volumes
 
-MINOR = 0.01  # a part shorter than this share of the largest is counted apart: few would see it come or go
-POINTS = 50_000  # of the surface, at which the next part is looked for
+MINOR_LENGTH = 0.01  # a part shorter than this share of the largest is counted apart: few would see it come or go
+TOUCH_POINTS = 50_000  # of the surface, at which the next part is looked for
 # Parts closer than this touch (normalised units): a sixteenth of a cell of the default resolution, which no fit of some
 # kilobytes keeps apart.
 TOUCH = 5e-4
 EDGES = 200_000  # at most, that are looked at for whether they go through faces
 LEAST_DEPTH = 1e-6  # how far an edge must go through a face to count (normalised units; float32 rays)
-VOLUME_POINTS, FEW = 30_000, 15  # every FEWth is looked at first
+VOLUME_POINTS, EVERY = 30_000, 15  # every FEWth is looked at first
 
 Piercing = tuple[I64, Mask, I32]
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """parts: how many bodies that do not touch each other; minor: how many more, shorter than MINOR. volume: of all, in
-    the units that they were given in, cubed; noise: how far it may be off, three standard deviations, relative. closed:
-    whether the surface is, without which parts are guessed.
+    """Parts and volume of a shape.
+
+    parts: how many bodies that do not touch each other. minor: how many more, shorter than MINOR_LENGTH. volume: of
+    all, in cubed units of what was given. noise: how far it may be off, relative, three standard deviations. closed:
+    whether the surface is; if not, parts are guessed.
     """
 
     parts: int
@@ -80,7 +82,7 @@ def _volume(solid: Solid, simple: bool) -> tuple[float, float]:
         return box * share, 3 * float(np.sqrt((1 - share) / max(share * len(points), 1)))
     signed = solid.signed_volume
     # Parts within each other need not go through each other: a look at a few points tells.
-    if simple and not _surplus(solid, points[::FEW]).any():
+    if simple and not _surplus(solid, points[::EVERY]).any():
         return signed, 0.0
     surplus = _surplus(solid, points)
     volume = signed - box * float(surplus.mean())
@@ -145,7 +147,7 @@ def _counted(vertices: F64, faces: I64, label: I64, volumes: F64) -> tuple[int, 
     """How many labels are parts and how many are minor ones; those of no positive volume are cavities or scraps."""
     lo, hi = component_boxes(vertices, faces, label)
     length = np.linalg.norm(hi - lo, axis=1)
-    minor = length < MINOR * length.max()
+    minor = length < MINOR_LENGTH * length.max()
     return int((~minor & (volumes > 0)).sum()), int((minor & (volumes > 0)).sum())
 
 
@@ -155,7 +157,7 @@ def _neighbours(solid: Solid, label: I64, seed: int) -> tuple[I64, I64]:
     Just in front of the surface of one, a ray away from it meets another from behind: it began within that.
     """
     rng = np.random.default_rng(seed)
-    face = np.concatenate([draw_faces(solid.areas, POINTS, rng), np.unique(label, return_index=True)[1]])
+    face = np.concatenate([draw_faces(solid.areas, TOUCH_POINTS, rng), np.unique(label, return_index=True)[1]])
     points = points_in(solid.vertices[solid.faces[face]], rng)
     normals = solid.normals[face]
     hit = solid.first_hits(points + TOUCH * normals, normals)

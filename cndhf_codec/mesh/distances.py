@@ -11,7 +11,7 @@ from ..arrays import F64, I64
 from ..errors import require
 from .sampling import sample_surface
 
-SAMPLES = 200_000  # area-uniform points on each of the two surfaces
+SAMPLES_PER_SURFACE = 200_000  # area-uniform points on each of the two surfaces
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def surface_distances(
     vertices_b: F64,
     faces_b: I64,
     seed: int = 0,
-    samples: int = SAMPLES,
+    samples: int = SAMPLES_PER_SURFACE,
 ) -> Distances:
     """Exact point-to-triangle distances from area-uniform samples of each surface to the other."""
     a_to_b = _directed(vertices_a, faces_a, vertices_b, faces_b, seed, samples)

@@ -24,8 +24,8 @@ MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000
 # How far behind a sheet a body must reach (normalised units). Measured there, inside: 2 % of a bed's single panel, 90 %
 # of a draped cloth, all of an open box.
 BEHIND = 0.01
-THINNEST = 4 * BOX_STEP  # normalised units: a domain's box is rounded by up to a step at either side
-LEAST_SHARE = 0.001  # a smaller one is not worth a line: of rays, a face seen from behind at a silhouette
+LEAST_THICKNESS = 4 * BOX_STEP  # normalised units: a domain's box is rounded by up to a step at either side
+WORTH_A_LINE = 0.001  # a smaller one is not worth a line: of rays, a face seen from behind at a silhouette
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
             # The frame is that of what is kept; the error is measured against what was given.
             given_vertices, norm = norm.undo(reference[0]), normalisation(kept)
             solid, reference = _solid(kept, norm), (norm.apply(given_vertices), reference[1])
-        if solid.behind > LEAST_SHARE:
+        if solid.behind > WORTH_A_LINE:
             assumptions.append(
                 f"the surface is open: {percent(solid.behind)} of the rays from outside came in through a hole, "
                 "which comes back closed"
@@ -144,10 +144,10 @@ def _too_thin(name: str, solid: Solid, norm: Normalisation) -> str | None:
     if not solid.closed:
         return None
     thickness = 2 * abs(solid.signed_volume) / float(solid.areas.sum())
-    if thickness >= THINNEST:
+    if thickness >= LEAST_THICKNESS:
         return None
     return (
-        f"{name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / THINNEST:.0f}th of its size: "
+        f"{name}: it is {thickness * norm.scale:.3g} thick, less than a {1 / LEAST_THICKNESS:.0f}th of its size: "
         "thinner than a file can tell; thicken it"
     )
 
@@ -188,10 +188,10 @@ def _place(solid: Solid, norm: Normalisation, faces: Mask) -> str:
 
 def _repairs(solid: Solid) -> list[str]:
     repaired, out = solid.repaired, []
-    if solid.flipped > LEAST_SHARE:
+    if solid.flipped > WORTH_A_LINE:
         out.append(f"{percent(solid.flipped)} of the surface faced inward and was turned round")
     doubled = solid.areas[repaired.doubled].sum() / solid.areas.sum()
-    if doubled > LEAST_SHARE:
+    if doubled > WORTH_A_LINE:
         out.append(f"{percent(doubled)} of the surface was given in both orientations and is taken once")
     if repaired.repeated:
         out.append(f"{repaired.repeated} faces were copies of others and were left out")

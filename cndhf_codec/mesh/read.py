@@ -42,7 +42,7 @@ PIECE = 2**20
 Number = TypeVar("Number", bound=np.generic)
 
 AT_ONCE = 2**20  # faces looked at together: bounds the memory that large meshes take
-SMALLEST, LARGEST = 1e-30, 1e30  # radius of a mesh: what float32 can hold
+LEAST_RADIUS, MOST_RADIUS = 1e-30, 1e30  # radius of a mesh: what float32 can hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,10 +267,12 @@ def check_size(vertices: F64, name: str) -> None:
     half = hi / 2 - lo / 2
     largest = float(half.max())
     radius = largest * float(np.linalg.norm(half / largest)) if largest > 0 else 0.0
-    if radius > 0 and not SMALLEST < radius < LARGEST:  # of radius 0 are faces without an area, which is told
-        raise MeshError(f"{name}: its size ({2 * radius:g}) is outside {SMALLEST:g} to {LARGEST:g}; rescale it")
-    if np.abs(vertices).max() > LARGEST:
-        raise MeshError(f"{name}: its place ({np.abs(vertices).max():g}) is beyond {LARGEST:g}; move it to the origin")
+    if radius > 0 and not LEAST_RADIUS < radius < MOST_RADIUS:  # of radius 0 are faces without an area, which is told
+        raise MeshError(f"{name}: its size ({2 * radius:g}) is outside {LEAST_RADIUS:g} to {MOST_RADIUS:g}; rescale it")
+    if np.abs(vertices).max() > MOST_RADIUS:
+        raise MeshError(
+            f"{name}: its place ({np.abs(vertices).max():g}) is beyond {MOST_RADIUS:g}; move it to the origin"
+        )
 
 
 def distinct_rows(rows: npt.NDArray[Number]) -> tuple[npt.NDArray[Number], I64]:

@@ -15,7 +15,7 @@ from ..arrays import F64, I64, Mask
 from .connectivity import Edges, connected, edges_of
 from .read import distinct_rows
 
-FLAP = 0.01  # share of the whole area up to which a flap of doubled faces is dropped; a larger one is a sheet
+MOST_FLAP = 0.01  # share of the whole area up to which a flap of doubled faces is dropped; a larger one is a sheet
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def _needless(faces: I64, areas: F64, doubled: Mask, vertices: int) -> Mask:
     better = total(others % 2) <= total((others + pairs) % 2)
     wall = total((others == 0) & (pairs == 1)) == 0
     area = np.bincount(cluster[:m], weights=areas[doubled], minlength=cluster.max() + 1)
-    needless = attached & better & (wall | (area <= FLAP * areas.sum()))
+    needless = attached & better & (wall | (area <= MOST_FLAP * areas.sum()))
     out = doubled.copy()
     out[doubled] = needless[cluster[:m]]
     return out

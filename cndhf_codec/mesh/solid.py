@@ -19,8 +19,8 @@ RAY_OFFSET = 1e-4  # rays from the surface start this far from it (normalised un
 # A patch more of whose rays from outside than this meet it from behind has no inside. Measured: a bunny with holes in
 # its base 0.02, a sphere without a cap of a tenth of its area 0.09; an open box 0.17, a draped cloth 0.28, a range scan
 # 0.44.
-SHEET = 0.125
-FEW = 20  # rays that say nothing of a patch
+SHEET_SHARE = 0.125
+LEAST_RAYS = 20  # rays that say nothing of a patch
 
 
 class Solid:
@@ -129,10 +129,10 @@ class Solid:
             volumes = np.bincount(patch, weights=signed_volumes(self.vertices, self.faces))
             seen[1] = (volumes < 0) & ~self.repaired.open_patch
         rays, behind = np.maximum(seen.sum(axis=0), 1), seen.min(axis=0)
-        sheet = behind > SHEET * rays
+        sheet = behind > SHEET_SHARE * rays
         self.behind = float(behind.sum() / rays.sum())
         self.open = float(rays[sheet].sum() / rays.sum())
-        self.sheet = (sheet | (self.repaired.open_patch & (rays < FEW)))[patch]
+        self.sheet = (sheet | (self.repaired.open_patch & (rays < LEAST_RAYS)))[patch]
         inward = seen[1] > seen[0]
         if not unseen.all() and inward[~unseen].all():
             inward |= unseen  # all was turned inside out, and so was what no ray meets: a cavity stays one

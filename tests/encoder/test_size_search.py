@@ -31,21 +31,21 @@ def test_the_search_finds_a_size_a_little_above_the_smallest(wanted, power, floo
 
 
 def test_the_smallest_file_of_all_is_taken_when_it_will_do():
-    assert smallest_file(lambda size, more: (size, 0.0), 1.0) == size_search.SMALLEST
+    assert smallest_file(lambda size, more: (size, 0.0), 1.0) == size_search.SMALLEST_SIZE
 
 
 def test_an_error_out_of_reach_says_what_was_reached():
-    with pytest.raises(EncodeError, match=rf"0\.001.*not reached.*0\.5 at {size_search.LARGEST} bytes"):
+    with pytest.raises(EncodeError, match=rf"0\.001.*not reached.*0\.5 at {size_search.LARGEST_SIZE} bytes"):
         smallest_file(lambda size, more: (size, 0.5), 0.001)
 
 
 def test_an_encode_to_an_error(creature, tiny, monkeypatch):
-    monkeypatch.setattr(size_search, "FIRST", 1500)
+    monkeypatch.setattr(size_search, "FIRST_SIZE", 1500)
     model, report = encode_quietly(creature, preset="fast", target_error="8%")
     assert report.distances.mean <= 0.08 * report.diagonal
     assert model.info["mean_error"] == pytest.approx(report.distances.mean, rel=1e-3)
     assert model.info["bytes"] == len(model.dumps()) < 1500
-    monkeypatch.setattr(size_search, "LARGEST", 1500)
+    monkeypatch.setattr(size_search, "LARGEST_SIZE", 1500)
     with pytest.raises(EncodeError, match="not reached"):
         encode_quietly(creature, preset="fast", target_error="0.0001%")
 

@@ -14,7 +14,7 @@ FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder sta
 RECORD_BYTES = 40  # of a field, without its step codes
 FIELD_BYTES = RECORD_BYTES + 14  # record and scale codes of a field of five hidden layers
 SIZE_AIM = 0.98  # of the size asked for is what widths and rounding aim at: the size is known only afterwards
-LEAST_WIDTH = 5
+LEAST_FITTED_WIDTH = 5
 # Up to this width all networks are equally wide. The weights of wider ones grow with a power of their shares, of which
 # no share counts as less than the least.
 WIDEST_EQUAL, SHARE_POWER, LEAST_SHARE = 25, 0.5, 1e-3
@@ -39,7 +39,7 @@ def widths_for(settings: DhfSettings, shares: list[float], metadata_bytes: int) 
     width = 0
     while width < WIDEST_EQUAL and len(shares) * size(width + 1) <= parameters:
         width += 1
-    if width < LEAST_WIDTH:
+    if width < LEAST_FITTED_WIDTH:
         return []
     widths = [width] * len(shares)
     if width < WIDEST_EQUAL:

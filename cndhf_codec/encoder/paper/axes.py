@@ -18,7 +18,7 @@ from .settings import PaperSettings
 N_FIBONACCI = 50
 SAMPLES_PER_TRIANGLE = 5
 GRAZING = 1e-4  # cosine between a ray and its face's normal, below which the ray lies within the face
-RAY_OFFSET = 1e-5  # a ray starts this far from the surface it leaves (normalised units)
+SURFACE_OFFSET = 1e-5  # a ray starts this far from the surface it leaves (normalised units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +127,10 @@ def _hits_another(solid: Solid, points: F32, directions: np.ndarray, owner: I64)
     # A ray within the plane of its face would graze the faces beside it: start it off the surface.
     normals = solid.normals[owner].astype(np.float32)
     grazing = np.abs((normals * d).sum(axis=1)) < GRAZING
-    points = points + np.where(grazing[:, None], RAY_OFFSET * normals, 0)
-    hit = solid.first_hits(points + RAY_OFFSET * d, d)
+    points = points + np.where(grazing[:, None], SURFACE_OFFSET * normals, 0)
+    hit = solid.first_hits(points + SURFACE_OFFSET * d, d)
     # A ray that grazes its own triangle can meet it again in float32: start those farther away.
     own = np.flatnonzero(hit == owner)
     if len(own):
-        hit[own] = solid.first_hits(points[own] + 100 * RAY_OFFSET * d[own], d[own])
+        hit[own] = solid.first_hits(points[own] + 100 * SURFACE_OFFSET * d[own], d[own])
     return (hit >= 0) & (hit != owner)

@@ -9,7 +9,7 @@ from ..dhf.fit.single import Images, Step, draw
 from ..dhf.fit.targets import HeightTargets
 from ..dhf.network.siren import Networks, forward
 
-SIDE = 16  # pixels along the side of the tiles that the Laplacian loss looks at
+TILE_SIDE = 16  # pixels along the side of the tiles that the Laplacian loss looks at
 
 
 class TileLoss:
@@ -21,9 +21,9 @@ class TileLoss:
         self._images, self._margin, self._weight = Images(t), margin, laplacian
         self._laplacians = torch.from_numpy(np.stack([t.laplacian_near.ravel(), t.laplacian_far.ravel()], axis=1))
         self._laplacian_known = torch.from_numpy(t.laplacian_known.ravel()).float()
-        self._tiles = max(1, batch // SIDE**2)
+        self._tiles = max(1, batch // TILE_SIDE**2)
         nu, nv = t.hit.shape
-        self._side = min(SIDE, nu, nv)
+        self._side = min(TILE_SIDE, nu, nv)
         span = torch.arange(self._side)
         self._offsets = span[:, None] * nv + span
 

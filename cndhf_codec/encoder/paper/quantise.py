@@ -17,8 +17,8 @@ from .settings import PaperSettings
 
 Tensors = list[F32]
 
-SAMPLES = 2**15
-PROBE = 2.0**-10  # trial steps that measure a tensor's sensitivity, relative to its RMS value
+PROBE_POINTS = 2**15
+PROBE_STEP = 2.0**-10  # trial steps that measure a tensor's sensitivity, relative to its RMS value
 
 
 def quantise(tensors: Tensors, targets: HeightTargets, settings: PaperSettings, seed: int) -> DhfRecord:
@@ -70,11 +70,11 @@ class _Probe:
         rng = np.random.default_rng(seed)
         hit = targets.hit.ravel()
         inside, outside = np.flatnonzero(hit), np.flatnonzero(~hit)
-        n_outside = round(SAMPLES * (1 - SILHOUETTE_SHARE)) if len(outside) else 0
-        at = rng.choice(inside, SAMPLES - n_outside)
+        n_outside = round(PROBE_POINTS * (1 - SILHOUETTE_SHARE)) if len(outside) else 0
+        at = rng.choice(inside, PROBE_POINTS - n_outside)
         if n_outside:
             at = np.concatenate([at, rng.choice(outside, n_outside)])
-        self.n_inside = SAMPLES - n_outside
+        self.n_inside = PROBE_POINTS - n_outside
         self.settings = settings
         self.uv = targets.uv.reshape(-1, 2)[at]
         at = at[: self.n_inside]
@@ -99,7 +99,7 @@ def _relative_steps(tensors: Tensors, probe: _Probe, seed: int) -> list[float]:
     before = probe.heights(tensors)
     steps = []
     for k, t in enumerate(tensors):
-        step = PROBE * max(float(np.sqrt(np.mean(t * t))), 1e-6)
+        step = PROBE_STEP * max(float(np.sqrt(np.mean(t * t))), 1e-6)
         noise = ((rng.random(t.shape) - 0.5) * step).astype(np.float32)
         moved = probe.heights([*tensors[:k], t + noise, *tensors[k + 1 :]])
         sensitivity = math.sqrt(float(np.mean((moved - before) ** 2))) / step

@@ -49,7 +49,7 @@ def fitted(targets):
 
 @pytest.fixture(autouse=True)
 def fewer_samples(monkeypatch):
-    monkeypatch.setattr(quantise_module, "SAMPLES", 2**13)
+    monkeypatch.setattr(quantise_module, "PROBE_POINTS", 2**13)
 
 
 def height_error(tensors, targets) -> float:

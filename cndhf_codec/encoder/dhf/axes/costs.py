@@ -22,7 +22,7 @@ from .mirrors import MirrorPlane
 DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
 N_ALIGNED = 6  # the last of the candidates: coordinate and principal axes
 DIRECTIONS_IN_PLANE = 16  # in a mirror plane
-POINTS = 20_000
+SURFACE_POINTS = 20_000
 SLANT_COST = 2e-4  # of a point seen at a cosine of 1/2 (normalised units)
 LEAST_COSINE = 0.1
 IN_FRONT = 1e-3  # how far in front of a hidden point is looked at (normalised units)
@@ -32,7 +32,7 @@ class AxisCosts:
     """Cost of every candidate axis at every sample of the surface. planes: the solid's mirror planes."""
 
     def __init__(self, solid: Solid, seed: int, threads: ThreadPool, planes: Sequence[MirrorPlane] = ()) -> None:
-        points, normals = solid.sample(POINTS, np.random.default_rng(seed))
+        points, normals = solid.sample(SURFACE_POINTS, np.random.default_rng(seed))
         free, mirrored = _candidates(solid), _within(planes)
         self.axes = np.concatenate([free, mirrored])
         self._aligned = range(len(free) - N_ALIGNED, len(free))

@@ -14,7 +14,7 @@ from ....mesh.solid import Solid
 from ..frames import Frame, frame_for_axis, frame_for_quaternion
 
 MOST_ERROR = 3e-4  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
-POINTS = 20_000
+MIRRORED_POINTS = 20_000
 SPACING = 1.5  # times the samples' own distance from each other that those of a mirror image may be from them
 SQUARE = 0.01  # cosine up to which two planes stand at right angles
 
@@ -38,7 +38,7 @@ def mirror_planes(solid: Solid, seed: int) -> list[MirrorPlane]:
     """
     centroid, axes = _moments(solid)
     rng = np.random.default_rng(seed)
-    points, others = (solid.sample(POINTS, rng)[0] for _ in range(2))
+    points, others = (solid.sample(MIRRORED_POINTS, rng)[0] for _ in range(2))
     tree = require("scipy.spatial", "encode").cKDTree(points)
     spacing = float(tree.query(others)[0].mean())
     found = []

@@ -24,8 +24,8 @@ from ..widths import WIDEST_EQUAL, widths_for
 from .costs import AxisCosts
 from .mirrors import frame_with_mirrors, mirror_planes
 
-SAMPLES, CLEAR_CELLS, TARGET_RESOLUTION = 100_000, 24, 256  # settings of a trial
-SURFACE_RESOLUTION, MEASURED_POINTS = 96, 20_000  # of the surface that a trial's error is measured on
+TRIAL_SAMPLES, TRIAL_CLEAR_CELLS, TRIAL_TARGET_RESOLUTION = 100_000, 24, 256  # settings of a trial
+TRIAL_SURFACE_RESOLUTION, TRIAL_MEASURED_POINTS = 96, 20_000  # of the surface that a trial's error is measured on
 SHRINK = 0.36  # what the whole fit leaves of a trial's error, less the error lower bound
 SHRINK_PER_AXIS = 0.94  # times as much of it per axis above two: narrow networks have more to learn after a trial
 # The best few are tried again, for longer, where their errors are at most so many times the least.
@@ -148,9 +148,9 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline, start: Networks
         job.settings,
         steps=job.settings.trial_steps // 3,
         joint_steps=steps,
-        samples=SAMPLES,
-        clear_cells=CLEAR_CELLS,
-        target_resolution=TARGET_RESOLUTION,
+        samples=TRIAL_SAMPLES,
+        clear_cells=TRIAL_CLEAR_CELLS,
+        target_resolution=TRIAL_TARGET_RESOLUTION,
     )
     silent: Stage = lambda name, total: lambda done, loss: None  # noqa: E731
     job = replace(job, settings=short, stage=silent)
@@ -163,9 +163,9 @@ def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline, start: Networks
         return failed
     records = records_of(networks, finest_codes(networks), plan.frames)
     try:
-        surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).surface(SURFACE_RESOLUTION)
+        surface = Model(Container((0.0, 0.0, 0.0), 1.0, tuple(records))).surface(TRIAL_SURFACE_RESOLUTION)
     except CndhfError:
         return failed
     truth = job.solid.vertices, job.solid.faces
-    distances = surface_distances(*truth, *surface, job.seed, MEASURED_POINTS)
+    distances = surface_distances(*truth, *surface, job.seed, TRIAL_MEASURED_POINTS)
     return Trial(distances.mean, loss.shares(networks), start)

@@ -21,7 +21,7 @@ from ..network import kernel
 from ..network.siren import Networks, heights
 from .clear_space import ClearSpace
 from .samples import CLEARANCE, Samples
-from .values import POINTS
+from .values import POINTS_PER_CALL
 
 CLEAR_POINTS = 2**19  # of clear space that a search looks at
 BALL_POINTS = 2**17  # nearer to the surface, per side
@@ -101,14 +101,14 @@ class CounterexampleSearch:
             points = torch.cat([points, _tensor(again + self._rng.normal(size=again.shape) * SPREAD)])
 
         def look(at: int) -> torch.Tensor:
-            part = points[at : at + POINTS]
+            part = points[at : at + POINTS_PER_CALL]
             least = torch.full((len(part),), kernel.NO_FIELD)
             for k in range(len(networks)):
                 least = torch.minimum(least, self._value(networks, k, part))
             return least if side == INSIDE else -least
 
         with torch.no_grad():
-            f = torch.cat(self._threads.map(look, range(0, len(points), POINTS)))
+            f = torch.cat(self._threads.map(look, range(0, len(points), POINTS_PER_CALL)))
         # Around remembered points there are many, most of them too near to the surface: the others must not be cut off.
         parts = f[:BALL_POINTS], f[BALL_POINTS:]
         fresh, again_at = (torch.nonzero(part < DOUBTFUL)[: MOST_FOUND // 2, 0] for part in parts)
@@ -120,13 +120,13 @@ class CounterexampleSearch:
         points = _tensor(self._clear.draw(CLEAR_POINTS, self._rng))
 
         def above(at: int) -> torch.Tensor:
-            part = points[at : at + POINTS]
+            part = points[at : at + POINTS_PER_CALL]
             for k in range(len(networks)):
                 part = part[self._value(networks, k, part) > level]
             return part
 
         with torch.no_grad():
-            found = self._threads.map(above, range(0, len(points), POINTS))
+            found = self._threads.map(above, range(0, len(points), POINTS_PER_CALL))
         return torch.cat([points[:0], *found]).numpy()
 
     def _value(self, networks: Networks, k: int, points: torch.Tensor) -> torch.Tensor:

@@ -9,7 +9,7 @@ import torch
 from ...thread_pool import ThreadPool
 from ..network.siren import Networks, heights
 
-POINTS = 2**15  # that a thread evaluates at a time
+POINTS_PER_CALL = 2**15  # that a thread evaluates at a time
 
 
 class Sides(NamedTuple):
@@ -34,9 +34,9 @@ def field_values(networks: Networks, points: torch.Tensor, boxes: torch.Tensor, 
     def part(at: int) -> torch.Tensor:
         values = []
         for k in range(len(networks)):
-            sides = field_sides(networks, k, points[k, at : at + POINTS], boxes[k])
+            sides = field_sides(networks, k, points[k, at : at + POINTS_PER_CALL], boxes[k])
             values.append(torch.minimum(sides.above, sides.below))
         return torch.stack(values, dim=1)
 
     with torch.no_grad():
-        return torch.cat(pool.map(part, range(0, points.shape[1], POINTS)))
+        return torch.cat(pool.map(part, range(0, points.shape[1], POINTS_PER_CALL)))

@@ -15,7 +15,7 @@ import numpy as np
 from ....arrays import F32, I64, Mask
 from .vectors import LANES, add_outer, set_product, sine_and_cosine, sine_in_place
 
-POINTS = 512  # evaluated together: what a network computes for so many stays in the cache
+BLOCK_POINTS = 512  # evaluated together: what a network computes for so many stays in the cache
 NO_FIELD = np.float32(1e3)  # value of a field that has no say about a sample
 
 
@@ -29,8 +29,8 @@ class Net(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """A forward pass that can be gone back through. x: (2, POINTS) inputs. outputs, cosines: (layers, width, POINTS) of
-    every sine layer."""
+    """A forward pass that can be gone back through. x: (2, BLOCK_POINTS) inputs. outputs, cosines: of every sine layer,
+    (layers, width, BLOCK_POINTS)."""
 
     x: F32
     outputs: F32
@@ -116,7 +116,7 @@ def arguments(theta: F32, at: int, omega: np.float32, x: F32, z: F32, n: int) ->
 
 @inlined
 def last_layer(theta: F32, width: int, x: F32, y: F32, n: int) -> None:
-    """y[:, :n], (2, POINTS): heights from what the last sine layer puts out."""
+    """y[:, :n], (2, BLOCK_POINTS): heights from what the last sine layer puts out."""
     at = len(theta) - 2 * width - 2
     bias = at + 2 * width
     set_product(theta[at:bias].reshape(2, width), x, theta[bias:], np.float32(1), y, n)
@@ -139,7 +139,8 @@ def _filled(x: F32, m: int) -> int:
 
 @inlined
 def values(net: Net, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
-    """y[:, :n], (2, POINTS): heights of the first n columns of x, (2, POINTS). Overwrites a and b, (width, POINTS).
+    """y[:, :n]: heights of the first n columns of x; both are (2, BLOCK_POINTS). Overwrites a and b, (width,
+    BLOCK_POINTS).
 
     n is a multiple of LANES, here and below.
     """
@@ -156,14 +157,14 @@ def values(net: Net, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
 
 @inlined
 def new_tape(net: Net) -> Tape:
-    outputs = np.empty((net.layers, net.width, POINTS), np.float32)
-    return Tape(np.empty((2, POINTS), np.float32), outputs, np.empty_like(outputs))
+    outputs = np.empty((net.layers, net.width, BLOCK_POINTS), np.float32)
+    return Tape(np.empty((2, BLOCK_POINTS), np.float32), outputs, np.empty_like(outputs))
 
 
 @inlined
 def forward(net: Net, tape: Tape, n: int) -> None:
     """Fill the tape for the first n columns of its x."""
-    z = np.empty((net.width, POINTS), np.float32)
+    z = np.empty((net.width, BLOCK_POINTS), np.float32)
     arguments(net.theta, 0, net.omega, tape.x, z, n)
     sine_and_cosine(z, tape.outputs[0], tape.cosines[0], n)
     at = 3 * net.width
@@ -185,7 +186,7 @@ def backward(net: Net, tape: Tape, n: int, g: F32, grad: F32) -> None:
         grad[at + j] += total
     at -= 2 * width
     add_outer(g, tape.outputs[net.layers - 1], grad[at : at + 2 * width].reshape(2, width), n)
-    d, e = np.empty((width, POINTS), np.float32), np.empty((width, POINTS), np.float32)
+    d, e = np.empty((width, BLOCK_POINTS), np.float32), np.empty((width, BLOCK_POINTS), np.float32)
     back_through(net.theta[at : at + 2 * width].reshape(2, width), g, d, n)
     for k in range(net.layers - 1, -1, -1):
         inputs = 2 if k == 0 else width
@@ -207,11 +208,11 @@ def backward(net: Net, tape: Tape, n: int, g: F32, grad: F32) -> None:
 @compiled
 def heights(net: Net, uv: F32) -> F32:
     """(N, 2) near and far height at uv, (N, 2)."""
-    a, b = np.empty((net.width, POINTS), np.float32), np.empty((net.width, POINTS), np.float32)
-    x, y = np.empty((2, POINTS), np.float32), np.empty((2, POINTS), np.float32)
+    a, b = np.empty((net.width, BLOCK_POINTS), np.float32), np.empty((net.width, BLOCK_POINTS), np.float32)
+    x, y = np.empty((2, BLOCK_POINTS), np.float32), np.empty((2, BLOCK_POINTS), np.float32)
     out = np.empty_like(uv)
-    for at in range(0, len(uv), POINTS):
-        n = min(POINTS, len(uv) - at)
+    for at in range(0, len(uv), BLOCK_POINTS):
+        n = min(BLOCK_POINTS, len(uv) - at)
         for t in range(n):
             x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
         values(net, x, _filled(x, n), a, b, y)
@@ -223,10 +224,10 @@ def heights(net: Net, uv: F32) -> F32:
 @compiled
 def heights_gradient(net: Net, uv: F32, g: F32) -> F32:
     """(P,) gradient of sum(g * heights) in theta; uv and g are (N, 2)."""
-    tape, d = new_tape(net), np.empty((2, POINTS), np.float32)
+    tape, d = new_tape(net), np.empty((2, BLOCK_POINTS), np.float32)
     grad = np.zeros(len(net.theta), np.float32)
-    for at in range(0, len(uv), POINTS):
-        n = min(POINTS, len(uv) - at)
+    for at in range(0, len(uv), BLOCK_POINTS):
+        n = min(BLOCK_POINTS, len(uv) - at)
         for t in range(n):
             tape.x[0, t], tape.x[1, t] = uv[at + t, 0], uv[at + t, 1]
             d[0, t], d[1, t] = g[at + t, 0], g[at + t, 1]
@@ -242,10 +243,10 @@ def heights_gradient(net: Net, uv: F32, g: F32) -> F32:
 def jacobian(net: Net, uv: F32, side: I64) -> F32:
     """(N, P): gradient of height `side` (0 near, 1 far) at every row of uv, (N, 2), in theta."""
     tape, width = new_tape(net), net.width
-    d, e = np.empty((width, POINTS), np.float32), np.empty((width, POINTS), np.float32)
+    d, e = np.empty((width, BLOCK_POINTS), np.float32), np.empty((width, BLOCK_POINTS), np.float32)
     out = np.zeros((len(uv), len(net.theta)), np.float32)
-    for start in range(0, len(uv), POINTS):
-        n = min(POINTS, len(uv) - start)
+    for start in range(0, len(uv), BLOCK_POINTS):
+        n = min(BLOCK_POINTS, len(uv) - start)
         rows = out[start : start + n]
         for t in range(n):
             tape.x[0, t], tape.x[1, t] = uv[start + t, 0], uv[start + t, 1]
@@ -293,10 +294,10 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
     shapes, boxes, surface, space = loss
     K, first, total = len(theta), len(batch.surface), len(batch.surface) + len(batch.space)
     widest = shapes.widths.max()
-    a, b = np.empty((widest, POINTS), np.float32), np.empty((widest, POINTS), np.float32)
-    x, y = np.empty((2, POINTS), np.float32), np.empty((2, POINTS), np.float32)
-    value, on_far = np.empty((K, POINTS), np.float32), np.empty((K, POINTS), np.bool_)
-    column = np.empty(POINTS, np.int64)
+    a, b = np.empty((widest, BLOCK_POINTS), np.float32), np.empty((widest, BLOCK_POINTS), np.float32)
+    x, y = np.empty((2, BLOCK_POINTS), np.float32), np.empty((2, BLOCK_POINTS), np.float32)
+    value, on_far = np.empty((K, BLOCK_POINTS), np.float32), np.empty((K, BLOCK_POINTS), np.bool_)
+    column = np.empty(BLOCK_POINTS, np.int64)
     # Of every sample: which field decides, with which height, and the slope of its cost in that.
     field, side, slope = np.empty(total, np.int64), np.empty(total, np.int64), np.zeros(total, np.float32)
     cost = 0.0
@@ -304,8 +305,8 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
         samples = batch.space if of_space else batch.surface
         points = space.points if of_space else surface.points
         active = space.active if of_space else surface.active
-        for at in range(0, len(samples), POINTS):
-            rows = samples[at : at + POINTS]
+        for at in range(0, len(samples), BLOCK_POINTS):
+            rows = samples[at : at + BLOCK_POINTS]
             n = len(rows)
             for k in range(K):
                 m = 0
@@ -355,7 +356,7 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
                 field[s], side[s] = who, 1 if on_far[who, t] else 0
 
     grad[:] = 0
-    g = np.empty((2, POINTS), np.float32)
+    g = np.empty((2, BLOCK_POINTS), np.float32)
     for k in range(K):
         net = Net(theta[k, : shapes.counts[k]], shapes.widths[k], shapes.layers, shapes.omegas[k])
         tape, of_net = new_tape(net), grad[k, : shapes.counts[k]]
@@ -367,7 +368,7 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
                 g[side[s], m] = slope[s] * (2 * side[s] - 1)
                 g[1 - side[s], m] = 0
                 m += 1
-            if m == POINTS or (m and s == total):
+            if m == BLOCK_POINTS or (m and s == total):
                 n = _filled(tape.x, m)
                 g[:, m:n] = 0
                 forward(net, tape, n)

@@ -20,9 +20,9 @@ from ....arrays import F32
 
 LANES = 16  # numbers of a vector; processors with shorter ones take several at a time
 # Whether numba compiles for a processor with vectors of 16 and 32 registers for them.
-WIDE = "+avx512f" in (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten())
-ROWS, VECTORS = 4, 4 if WIDE else 1  # of a block of a product, as many as registers hold
-DOWN, ACROSS = (4, 4) if WIDE else (2, 4)  # rows and columns of a block of an outer product
+HAS_AVX512 = "+avx512f" in (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten())
+PRODUCT_ROWS, PRODUCT_VECTORS = 4, 4 if HAS_AVX512 else 1  # of a block of a product, as many as registers hold
+DOWN, ACROSS = (4, 4) if HAS_AVX512 else (2, 4)  # rows and columns of a block of an outer product
 
 
 _FLOAT, _INT = ir.FloatType(), ir.IntType(32)
@@ -88,14 +88,14 @@ def _block_of_product(vectors: int) -> Any:
     def block(
         typing: Any, W: Any, x: Any, start: Any, scale: Any, z: Any, j: Any, t: Any, rows: Any, terms: Any
     ) -> Any:
-        """z[r, c] = scale (start[r] + W[r] x[:, c]) for the rows from j on, ROWS of them at most, of `rows`, and for
-        vectors * LANES columns from t on."""
+        """z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on, of `rows`, and for vectors *
+        LANES columns from t on."""
 
         def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
             W, x, start, z = (_Array(context, b, signature.args[i], args[i]) for i in (0, 1, 2, 4))
             scale, (j, t, rows, terms) = args[3], args[5:]
             whole = lambda n: ir.Constant(t.type, n)  # noqa: E731
-            places = [b.add(j, whole(r)) for r in range(ROWS)]
+            places = [b.add(j, whole(r)) for r in range(PRODUCT_ROWS)]
             lines = [_no_further(b, p, rows) for p in places]
             columns = [b.add(t, whole(v * LANES)) for v in range(vectors)]
             sums = [[cgutils.alloca_once(b, _VECTOR) for _ in columns] for _ in lines]
@@ -243,7 +243,7 @@ def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
             _sine_and_cosine_block(z, sine, cosine, j, t)
 
 
-_wide_block, _narrow_block = _block_of_product(VECTORS), _block_of_product(1)
+_wide_block, _narrow_block = _block_of_product(PRODUCT_VECTORS), _block_of_product(1)
 
 
 @numba.njit(nogil=True)
@@ -251,12 +251,12 @@ def set_product(W: F32, x: F32, start: F32, scale: np.float32, z: F32, n: int) -
     """z[:, :n] = scale (start + W x[:, :n]); start is added to every column. n is a multiple of LANES."""
     rows, terms = W.shape
     t = 0
-    while t + VECTORS * LANES <= n:
-        for j in range(0, rows, ROWS):
+    while t + PRODUCT_VECTORS * LANES <= n:
+        for j in range(0, rows, PRODUCT_ROWS):
             _wide_block(W, x, start, scale, z, j, t, rows, terms)
-        t += VECTORS * LANES
+        t += PRODUCT_VECTORS * LANES
     while t < n:
-        for j in range(0, rows, ROWS):
+        for j in range(0, rows, PRODUCT_ROWS):
             _narrow_block(W, x, start, scale, z, j, t, rows, terms)
         t += LANES
 

@@ -18,8 +18,8 @@ from ..network.siren import Networks
 
 HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
 KEPT_WEIGHT = 0.03  # of a hinge that is kept: what no hinge holds would run away, and come back as a floater
-ROWS = 2048  # of the Jacobian held at once
-COLUMNS = 512  # of the matrix that a thread adds to at a time
+JACOBIAN_ROWS = 2048  # of the Jacobian held at once
+BLOCK_COLUMNS = 512  # of the matrix that a thread adds to at a time
 SURFACE_SAMPLES, SPACE_SAMPLES = 4.0, 2.0  # that the matrices are built from, per weight of all networks
 
 
@@ -48,8 +48,8 @@ def gauss_newton_blocks(networks: Networks, loss: JointLoss, seed: int, threads:
             continue
         rows = np.flatnonzero((field == k) & (weight > 0))
         uv = terms.uv[k].numpy()
-        for at in range(0, len(rows), ROWS):
-            part = rows[at : at + ROWS]
+        for at in range(0, len(rows), JACOBIAN_ROWS):
+            part = rows[at : at + JACOBIAN_ROWS]
             jacobian = kernel.jacobian(networks.net(k), uv[part], side[part])
             jacobian = jacobian[:, columns]
             jacobian *= np.sqrt(weight[part]).astype(np.float32)[:, None]
@@ -62,14 +62,14 @@ def _add_square(H: F64, jacobian: F32, threads: ThreadPool) -> None:
     """Add J^T J to the lower triangle of H; every thread has columns of its own."""
 
     def add(at: int) -> None:
-        H[at:, at : at + COLUMNS] += jacobian[:, at:].T @ jacobian[:, at : at + COLUMNS]
+        H[at:, at : at + BLOCK_COLUMNS] += jacobian[:, at:].T @ jacobian[:, at : at + BLOCK_COLUMNS]
 
-    threads.map(add, range(0, len(H), COLUMNS))
+    threads.map(add, range(0, len(H), BLOCK_COLUMNS))
 
 
 def _mirror(H: F64) -> None:
     """Copy the lower triangle of H to the upper, column by column of blocks."""
-    for at in range(0, len(H), COLUMNS):
-        block = H[at : at + COLUMNS, at : at + COLUMNS]
+    for at in range(0, len(H), BLOCK_COLUMNS):
+        block = H[at : at + BLOCK_COLUMNS, at : at + BLOCK_COLUMNS]
         block[:] = np.tril(block) + np.tril(block, -1).T
-        H[at : at + COLUMNS, at + COLUMNS :] = H[at + COLUMNS :, at : at + COLUMNS].T
+        H[at : at + BLOCK_COLUMNS, at + BLOCK_COLUMNS :] = H[at + BLOCK_COLUMNS :, at : at + BLOCK_COLUMNS].T
