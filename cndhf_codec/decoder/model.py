@@ -24,6 +24,7 @@ from .limits import Limits
 from .parallel import over_rows
 from .results import OccupancyGrid, RayHits, TriangleMesh
 
+# Evidence for these constants: ADR 031; DEFAULT_RESOLUTION: 028; DEFAULT_MAX_ERROR: 030.
 POINTS_AT_ONCE = 2**16
 # Points are clamped to this distance (normalised units; a DHF's box ends at 2), because float32 would overflow on
 # greater ones. They stay outside.

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+# Evidence for these constants: ADR 028.
+#
 # BLAS divides products of more multiplications than this among threads of its own, which compete with ours.
 MULTIPLICATIONS_IN_ONE_THREAD = 2**18
 

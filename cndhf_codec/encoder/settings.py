@@ -18,6 +18,7 @@ Settings = DhfSettings | PaperSettings
 LEAST_SIZE = 400  # bytes; below this the header is most of the file
 LEAST_WIDTH = 4
 
+# Evidence for these constants: ADR 022.
 PRESETS: dict[str, Settings] = {"paper": PAPER, "fast": FAST, "default": DEFAULT, "best": BEST}
 
 

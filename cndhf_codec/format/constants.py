@@ -36,6 +36,7 @@ QUATERNION_ONE = 32767  # int16 value that stands for 1
 QUATERNION_MIN_NORM = 32000  # a rotation's integer quaternion has a norm in this range
 QUATERNION_MAX_NORM = 33000
 BOX_STEP = 2.0**-14  # box bounds: int16 times this
+# Evidence for these constants: ADR 024.
 STEPS_PER_OCTAVE = 4  # step code k stands for a quantisation step of 2^(-k / 4)
 STEP_CODE_MASK = 0x7F
 STEP_WIDE = 0x80  # set on a tensor with two bytes per symbol

@@ -11,6 +11,7 @@ from .connectivity import component_boxes, connected, face_components
 from .sampling import draw_faces, points_in
 from .solid import Solid, signed_volumes
 
+# Evidence for these constants: ADR 003.
 MINOR_LENGTH = 0.01  # a part shorter than this share of the largest is counted apart: few would see it come or go
 TOUCH_POINTS = 50_000  # of the surface, at which the next part is looked for
 # Parts closer than this touch (normalised units): a sixteenth of a cell of the default resolution, which no fit of some

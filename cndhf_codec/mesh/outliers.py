@@ -9,6 +9,8 @@ from .read import Mesh, checked
 from .sampling import face_areas
 from .wording import counted, percent
 
+# Evidence for these constants: ADR 003.
+#
 # Share of the surface up to which parts are tiny, all of them together: less than any error of a file.
 TINY_SHARE = 0.001
 LARGEST_FRAME = 2.0  # times the size of the rest: a frame twice as large leaves half of the detail

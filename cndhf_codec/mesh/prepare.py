@@ -18,6 +18,7 @@ from .solid import Solid
 from .thicken import check_thickness, thickened
 from .wording import percent
 
+# Evidence for these constants: ADR 002; LEAST_THICKNESS: 030.
 MOST_OPEN = 0.25  # of the rays from outside may meet sheets: then the rest is worth having without them
 # A mesh of more faces is simplified for the fit: the trees over them would take minutes and gigabytes again and again.
 MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000

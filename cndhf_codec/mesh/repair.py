@@ -15,6 +15,7 @@ from ..arrays import F64, I64, Mask
 from .connectivity import Edges, connected, edges_of
 from .read import distinct_rows
 
+# Evidence for these constants: ADR 002.
 MOST_FLAP = 0.01  # share of the whole area up to which a flap of doubled faces is dropped; a larger one is a sheet
 
 

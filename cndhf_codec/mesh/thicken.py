@@ -15,6 +15,7 @@ from .read import Mesh, checked
 from .solid import Solid
 
 LEAST_WALL, MOST_WALL = 0.005, 0.2  # of the bounding box's diagonal
+# Evidence for these constants: ADR 002.
 CELLS_PER_WALL = 2.5  # grid cells through the wall
 BLOCK_CELLS = 4  # cells on a side of a block that is looked at together
 

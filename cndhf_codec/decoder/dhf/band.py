@@ -18,6 +18,7 @@ from ..parallel import matmul, over_rows
 from .field import FLOAT32_ERROR, Dhf
 from .table import HeightBounds, HeightTable
 
+# Evidence for these constants: ADR 028.
 BLOCK_SIDE, BRICK_SIDE = 16, 4  # nodes along a side
 BRICKS_PER_SIDE = BLOCK_SIDE // BRICK_SIDE  # of a block
 BRICKS_PER_BLOCK = BRICKS_PER_SIDE**3

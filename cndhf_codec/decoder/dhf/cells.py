@@ -18,6 +18,7 @@ from ...arrays import F32, F64, I64, Mask
 from ..parallel import matmul
 from .field import FLOAT32_ERROR, Dhf
 
+# Evidence for these constants: ADR 031.
 CELLS_PER_SIDE = 128  # along the longest side of the solid
 COARSE_EDGE = 4  # cells along the edge of a coarse cell, which is looked at first
 COARSE_AT_ONCE = 2**11  # coarse cells divided at once: bounds the memory

@@ -18,6 +18,8 @@ from ..limits import Limits
 from ..results import TriangleMesh
 from .field import Dhf
 
+# Evidence for these constants: ADR 030.
+#
 # Share of an error bound that goes to the triangulation; the rest goes to simplifying the intersection. At equal error,
 # a fine triangulation that is simplified has fewer triangles than a coarse one.
 TRIANGULATION_SHARE = 1 / 3

@@ -20,6 +20,8 @@ from .marching_cubes import Edges, crossed_edges, faces_between, neighbour_brick
 from .steep_nodes import refine_steep_nodes
 from .table import HeightTable
 
+# Evidence for these constants: ADR 028.
+#
 # In spacings of the grid:
 NODE_CLEARANCE = 1e-3  # the least distance of a vertex from a node
 LAST_STEP_BELOW = 0.05  # a vertex with |f| below this takes one more step, and is done

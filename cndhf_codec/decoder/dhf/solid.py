@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 # What surfaces, many points and rays need is imported where it is used, so that loading a file takes little time.
 
+# Evidence for these constants: ADR 030; MAX_KEPT_RESOLUTION: 028.
 CHECK_RESOLUTION = 128  # of the isosurface that an intersection is checked against
 MAX_KEPT_RESOLUTION = 512  # up to which the height tables of the last surface are kept: a few megabytes
 

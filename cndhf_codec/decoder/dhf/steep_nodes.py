@@ -17,6 +17,8 @@ from .band import BRICK_SIDE, FIRST_BRICK_ROW, NO_DHF, NODE_OFFSETS, NODES_PER_B
 from .field import Dhf
 from .marching_cubes import NODE_STRIDES
 
+# Evidence for these constants: ADR 029.
+#
 # An edge of the grid is steep where f differs by more than this between its ends, in spacings. In space f can change by
 # one spacing per spacing only: heights rise there by more than 70 degrees.
 STEEP_DIFFERENCE = 3.0

@@ -11,6 +11,7 @@ from ...arrays import F32
 from ..parallel import matmul
 from .field import Dhf, implicit
 
+# Evidence for these constants: ADR 030.
 SAMPLES_PER_SIDE = 128  # of a domain
 # Share of a field's samples that may be thinner than the thickness reported. Measured: of 38 solids, from scans to
 # assemblies, this share is thinner than 1/90 of the longest side in four (a bed, a chair, a table, a drone: 1/122 to

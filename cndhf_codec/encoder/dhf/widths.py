@@ -13,6 +13,7 @@ from .settings import DhfSettings
 FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
 RECORD_BYTES = 40  # of a field, without its step codes
 FIELD_BYTES = RECORD_BYTES + 14  # record and scale codes of a field of five hidden layers
+# Evidence for these constants: ADR 007; SIZE_AIM: 026; BASE_OMEGA_WIDTH, MOST_OMEGA_FACTOR: 009.
 SIZE_AIM = 0.98  # of the size asked for is what widths and rounding aim at: the size is known only afterwards
 LEAST_FITTED_WIDTH = 5
 # Up to this width all networks are equally wide. The weights of wider ones grow with a power of their shares, of which

@@ -19,6 +19,7 @@ from ....mesh.solid import Solid
 from ...thread_pool import ThreadPool
 from .mirrors import MirrorPlane
 
+# Evidence for these constants: ADR 004; DIRECTIONS_IN_PLANE: 006.
 DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, so half of them are used
 N_ALIGNED = 6  # the last of the candidates: coordinate and principal axes
 DIRECTIONS_IN_PLANE = 16  # in a mirror plane

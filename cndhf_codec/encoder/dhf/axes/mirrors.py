@@ -13,6 +13,7 @@ from ....mesh.distances import point_distances
 from ....mesh.solid import Solid
 from ..frames import Frame, frame_for_axis, frame_for_quaternion
 
+# Evidence for these constants: ADR 006.
 MOST_ERROR = 3e-4  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
 MIRRORED_POINTS = 20_000
 SPACING = 1.5  # times the samples' own distance from each other that those of a mirror image may be from them

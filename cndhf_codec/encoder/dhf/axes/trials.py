@@ -24,6 +24,7 @@ from ..widths import WIDEST_EQUAL, widths_for
 from .costs import AxisCosts
 from .mirrors import frame_with_mirrors, mirror_planes
 
+# Evidence for these constants: ADR 005.
 TRIAL_SAMPLES, TRIAL_CLEAR_CELLS, TRIAL_TARGET_RESOLUTION = 100_000, 24, 256  # settings of a trial
 TRIAL_SURFACE_RESOLUTION, TRIAL_MEASURED_POINTS = 96, 20_000  # of the surface that a trial's error is measured on
 SHRINK = 0.36  # what the whole fit leaves of a trial's error, less the error lower bound

@@ -19,6 +19,7 @@ from .counterexamples import CounterexampleSearch
 from .sample_store import NO_FIELD, SampleStore
 from .values import field_values
 
+# Evidence for these constants: ADR 017.
 TOLERANCE = 0.1  # how much f may change before a field that is left out of a sample has a say in it
 RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
 

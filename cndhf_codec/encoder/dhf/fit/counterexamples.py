@@ -23,6 +23,7 @@ from .clear_space import ClearSpace
 from .samples import CLEARANCE, Samples
 from .values import POINTS_PER_CALL
 
+# Evidence for these constants: ADR 018.
 CLEAR_POINTS = 2**19  # of clear space that a search looks at
 BALL_POINTS = 2**17  # nearer to the surface, per side
 # Where f is nearer to zero than DOUBTFUL, the next search looks around, too: around REMEMBERED points, at this spread.

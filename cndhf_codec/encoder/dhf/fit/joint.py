@@ -18,6 +18,8 @@ from .loss import JointLoss
 from .sample_store import NO_FIELD
 from .single import cosine_schedule
 
+# Evidence for these constants: ADR 013; SURFACE_SHARE: 015; FIRST_REFRESH, DRAW_EVERY: 014; REFRESH_EVERY: 017;
+# FULL_RATE_WIDTH: 012; CALL_STEPS: 021.
 WARM_UP_SHARE = 0.05  # of the steps the learning rate rises: sooner, and one network takes over what was another's
 SURFACE_SHARE = 0.7  # of a batch is drawn on the surface
 FIRST_REFRESH = 700  # steps in which new networks change much, and all fields have a say in all samples

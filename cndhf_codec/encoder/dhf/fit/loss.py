@@ -28,6 +28,7 @@ from .sample_store import NO_FIELD, SampleStore
 from .samples import CLEARANCE, Samples
 from .values import field_sides, field_values
 
+# Evidence for these constants: ADR 018.
 ARTIFACT_DISTANCE = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
 
 

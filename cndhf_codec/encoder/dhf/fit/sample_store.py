@@ -11,6 +11,7 @@ from ..frames import Frame
 from ..network import kernel
 from .samples import Samples
 
+# Evidence for these constants: ADR 015; COUNTEREXAMPLES: 018.
 MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
 SPACE_WEIGHT = 0.4  # of a sample of space, beside 1 of a sample of the surface and of a counterexample
 DISTANCE_SCALE = 0.02  # at distance d from the surface 1 + d / this times as much: a floater costs area times distance

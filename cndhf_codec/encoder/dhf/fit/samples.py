@@ -15,6 +15,8 @@ from ....errors import require
 from ....mesh.solid import Solid
 from ..frames import Frame
 
+# Evidence for these constants: ADR 015; CLEARANCE: 018; OTHER_SIDE: 016.
+#
 # Shares of the uniform samples of space, and how far they lie from what they are drawn beside (normalised units).
 WALL_SHARE, WALL_DEPTH = 0.25, 0.01  # just inside the walls of the domain boxes
 SHELL_SHARE, SHELL_DEPTH = 0.15, 0.05  # just outside the input's bounding box

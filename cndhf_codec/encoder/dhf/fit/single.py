@@ -22,6 +22,7 @@ OnSteps = Callable[[int, int, float], None]  # done, total, loss
 Loss = Callable[[Networks, torch.Generator], torch.Tensor]
 Step = Callable[[torch.Tensor, float], None]  # gradient, learning rate
 
+# Evidence for these constants: ADR 010.
 WARM_UP_STEPS = 100  # of rising learning rate
 SILHOUETTE_SHARE = 0.75  # of a batch is drawn inside the silhouette
 REPORT_EVERY = 20  # steps

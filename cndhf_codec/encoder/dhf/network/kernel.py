@@ -15,6 +15,7 @@ import numpy as np
 from ....arrays import F32, I64, Mask
 from .vectors import LANES, add_outer, set_product, sine_and_cosine, sine_in_place
 
+# Evidence for these constants: ADR 020.
 BLOCK_POINTS = 512  # evaluated together: what a network computes for so many stays in the cache
 NO_FIELD = np.float32(1e3)  # value of a field that has no say about a sample
 

@@ -16,6 +16,8 @@ from .kernel import compiled, inlined
 from .siren import Networks
 from .vectors import LANES, add_outer, set_product
 
+# Evidence for these constants: ADR 019.
+#
 # Steps that moments and preconditioners remember, about. In networks wider than FULL_MEMORY_WIDTH they are out of date
 # sooner: by the fourth power of the width.
 MEMORY, LEAST_MEMORY, FULL_MEMORY_WIDTH = 20.0, 4.0, 24

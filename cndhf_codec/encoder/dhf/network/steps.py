@@ -20,6 +20,7 @@ from ....arrays import F32, F64, I64, Mask
 from .kernel import Batch, Loss, compiled, inlined, joint_gradient
 from .soap import State, soap_update
 
+# Evidence for these constants: ADR 021.
 SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
 APART = 16  # places between two threads' counters: not in one line of a cache
 ALL_DONE = 2**62  # more than there are meetings

@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 
 from ....arrays import F32
 
+# Evidence for these constants: ADR 020.
 LANES = 16  # numbers of a vector; processors with shorter ones take several at a time
 # Whether numba compiles for a processor with vectors of 16 and 32 registers for them.
 HAS_AVX512 = "+avx512f" in (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten())
@@ -88,7 +89,7 @@ def _block_of_product(vectors: int) -> Any:
     def block(
         typing: Any, W: Any, x: Any, start: Any, scale: Any, z: Any, j: Any, t: Any, rows: Any, terms: Any
     ) -> Any:
-        """z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on, of `rows`, and for vectors *
+        """z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on, of `rows`, and vectors *
         LANES columns from t on."""
 
         def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:

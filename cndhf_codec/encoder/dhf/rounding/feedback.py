@@ -25,6 +25,7 @@ from ..network.siren import Networks
 from ..settings import DhfSettings
 from .gauss_newton import gauss_newton_blocks
 
+# Evidence for these constants: ADR 023; GROWTH, GAUSSIAN_BITS: 024; COARSEST_OCTAVES: 014.
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
 ROUND_SHARE = 0.5  # of the free weights is fixed by each round but the last
 MOST_TOGETHER = 9000  # weights of a network whose errors feed each other: their matrix must fit in memory

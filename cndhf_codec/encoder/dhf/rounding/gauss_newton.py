@@ -16,6 +16,7 @@ from ..fit.loss import JointLoss
 from ..network import kernel
 from ..network.siren import Networks
 
+# Evidence for these constants: ADR 023.
 HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
 KEPT_WEIGHT = 0.03  # of a hinge that is kept: what no hinge holds would run away, and come back as a floater
 JACOBIAN_ROWS = 2048  # of the Jacobian held at once

@@ -16,6 +16,7 @@ from ..widths import FILE_BYTES, RECORD_BYTES, SIZE_AIM
 from .feedback import Rounding, gauss_newton_matrices, relative_steps, round_networks, step_codes
 from .symmetries import fold_biases
 
+# Evidence for these constants: ADR 026.
 LEAST_FILL = 0.95  # of the size asked for is the least that is good enough
 ATTEMPTS = 3
 FIRST_SHARE = 0.7  # of the time left goes to the first attempt
