@@ -6,7 +6,7 @@ import doctest
 import importlib
 
 import pytest
-from conftest import ROOT
+from places import ROOT
 
 MODULES = [
     "cndhf_codec.decoder.gridfile",

@@ -78,7 +78,7 @@ vectors.add_outer(d, x, G, 160)
 sine, cosine = np.empty_like(z), np.empty_like(z)
 vectors.sine_and_cosine(z, sine, cosine, 160)
 vectors.sine_in_place(z, 160)
-sys.stdout.buffer.write(b"".join(a.tobytes() for a in (z, sine, cosine, G)) + bytes([vectors.WIDE]))
+sys.stdout.buffer.write(b"".join(a.tobytes() for a in (z, sine, cosine, G)) + bytes([vectors.HAS_AVX512]))
 """
 
 

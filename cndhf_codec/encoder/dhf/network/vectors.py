@@ -61,6 +61,7 @@ class _Array:
         array = context.make_array(kind)(context, builder, value)
         self._b, self._data = builder, builder.bitcast(array.data, ir.IntType(8).as_pointer())
         self._strides = cgutils.unpack_tuple(builder, array.strides, kind.ndim)
+        self.shape = cgutils.unpack_tuple(builder, array.shape, kind.ndim)
 
     def _at(self, places: tuple[Any, ...], kind: Any) -> Any:
         offset = self._b.mul(places[0], self._strides[0])
@@ -86,15 +87,13 @@ class _Array:
 
 def _block_of_product(vectors: int) -> Any:
     @intrinsic
-    def block(
-        typing: Any, W: Any, x: Any, start: Any, scale: Any, z: Any, j: Any, t: Any, rows: Any, terms: Any
-    ) -> Any:
-        """z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on, of `rows`, and vectors *
-        LANES columns from t on."""
+    def block(typing: Any, W: Any, x: Any, start: Any, scale: Any, z: Any, j: Any, t: Any) -> Any:
+        """z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on and vectors * LANES columns
+        from t on."""
 
         def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
             W, x, start, z = (_Array(context, b, signature.args[i], args[i]) for i in (0, 1, 2, 4))
-            scale, (j, t, rows, terms) = args[3], args[5:]
+            scale, (j, t), (rows, terms) = args[3], args[5:], W.shape
             whole = lambda n: ir.Constant(t.type, n)  # noqa: E731
             places = [b.add(j, whole(r)) for r in range(PRODUCT_ROWS)]
             lines = [_no_further(b, p, rows) for p in places]
@@ -117,18 +116,18 @@ def _block_of_product(vectors: int) -> Any:
                         z.put_vector(b.fmul(factor, b.load(s)), place, c)
             return context.get_dummy_value()
 
-        return types.void(W, x, start, scale, z, j, t, rows, terms), generate
+        return types.void(W, x, start, scale, z, j, t), generate
 
     return block
 
 
 @intrinsic
-def _block_of_outer(typing: Any, d: Any, x: Any, G: Any, j: Any, i: Any, rows: Any, columns: Any, n: Any) -> Any:
+def _block_of_outer(typing: Any, d: Any, x: Any, G: Any, j: Any, i: Any, n: Any) -> Any:
     """G[j:, i:] += d[j:, :n] x[i:, :n]^T for DOWN rows and ACROSS columns at most."""
 
     def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
         d, x, G = (_Array(context, b, signature.args[k], args[k]) for k in range(3))
-        j, i, rows, columns, n = args[3:]
+        (j, i, n), (rows, columns) = args[3:], G.shape
         whole = lambda k: ir.Constant(n.type, k)  # noqa: E731
         places = [(b.add(j, whole(r)), b.add(i, whole(c))) for r in range(DOWN) for c in range(ACROSS)]
         d_lines = [_no_further(b, b.add(j, whole(r)), rows) for r in range(DOWN)]
@@ -154,7 +153,7 @@ def _block_of_outer(typing: Any, d: Any, x: Any, G: Any, j: Any, i: Any, rows: A
                 G.put_number(b.fadd(G.number(row, column), total), row, column)
         return context.get_dummy_value()
 
-    return types.void(d, x, G, j, i, rows, columns, n), generate
+    return types.void(d, x, G, j, i, n), generate
 
 
 # pi / 2 in three parts, of which the first two leave the low bits of their multiples empty; polynomials of sine and
@@ -250,15 +249,15 @@ _wide_block, _narrow_block = _block_of_product(PRODUCT_VECTORS), _block_of_produ
 @numba.njit(nogil=True)
 def set_product(W: F32, x: F32, start: F32, scale: np.float32, z: F32, n: int) -> None:
     """z[:, :n] = scale (start + W x[:, :n]); start is added to every column. n is a multiple of LANES."""
-    rows, terms = W.shape
+    rows = len(W)
     t = 0
     while t + PRODUCT_VECTORS * LANES <= n:
         for j in range(0, rows, PRODUCT_ROWS):
-            _wide_block(W, x, start, scale, z, j, t, rows, terms)
+            _wide_block(W, x, start, scale, z, j, t)
         t += PRODUCT_VECTORS * LANES
     while t < n:
         for j in range(0, rows, PRODUCT_ROWS):
-            _narrow_block(W, x, start, scale, z, j, t, rows, terms)
+            _narrow_block(W, x, start, scale, z, j, t)
         t += LANES
 
 
@@ -268,4 +267,4 @@ def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
     rows, columns = G.shape
     for j in range(0, rows, DOWN):
         for i in range(0, columns, ACROSS):
-            _block_of_outer(d, x, G, j, i, rows, columns, n)
+            _block_of_outer(d, x, G, j, i, n)
