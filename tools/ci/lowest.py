@@ -1,7 +1,7 @@
 """Pins of the lowest versions that pyproject.toml allows: `python tools/ci/lowest.py encode report > pins.txt`.
 
-Then `pip install --constraint pins.txt '.[encode,report]'`. Prints `name==lowest` for the dependencies of the package and of
-the extras named, and of the extras that these name. Exits with 1 when a dependency has no lower bound.
+Then `pip install --constraint pins.txt '.[encode,report]'`. Prints `name==lowest` for the package's dependencies and
+those of the extras named, and of the extras that these name. Exits with 1 when a dependency has no lower bound.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Does an installed package work? `python -W error tools/ci/smoke.py base|mesh|encode`.
 
-base: a golden file is read and answers queries. mesh: and gives a surface, and the commands know their version. encode: and
-examples/bracket.ply is encoded and decoded. Warnings are errors where the package alone is imported.
+base: golden files are read and answer queries. mesh: also, one gives a surface, and the commands print their version.
+encode: also, examples/bracket.ply is encoded and decoded. Warnings are errors where the package alone is imported.
 """
 
 from __future__ import annotations
