@@ -59,7 +59,7 @@ def encode() -> None:
     import cndhf_codec
 
     source = ROOT / "examples/bracket.ply"
-    model = cndhf_codec.encode(source, "fast", axes=2, width=8)
+    model = cndhf_codec.encode(source, preset="fast", axes=2, width=8)
     with tempfile.TemporaryDirectory() as folder:
         model.save(Path(folder) / "a.cndhf")
         size = (Path(folder) / "a.cndhf").stat().st_size
