@@ -15,6 +15,7 @@ from places import ROOT
 sys.path.insert(0, str(ROOT / "examples"))
 
 
+@pytest.mark.encode
 @pytest.mark.usefixtures("tiny")
 def test_game_assets(tmp_path):
     import game_assets

@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 import trimesh
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork and SIGKILL")
+pytestmark = [
+    pytest.mark.encode,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork and SIGKILL"),
+]
 
 # Forks a child for every run, so that its seconds are spent on work and not on imports. Half of the kills come at a
 # random moment of the run, half within a millisecond of the temporary file's appearance.

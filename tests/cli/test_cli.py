@@ -62,6 +62,7 @@ def box(tmp_path) -> Path:
     return tmp_path / "box.ply"
 
 
+@pytest.mark.encode
 @pytest.mark.usefixtures("tiny")
 def test_encode_decode_info(run, box, tmp_path):
     target, mesh = tmp_path / "box.cndhf", tmp_path / "back.ply"
@@ -106,6 +107,7 @@ def test_decode_to_every_extension(run, model, tmp_path, extension):
     np.testing.assert_allclose(mesh.bounds, expected.bounds, atol=1e-4)
 
 
+@pytest.mark.encode
 def test_decode_by_intersection(run, model, tmp_path):
     fine, coarse = tmp_path / "fine.ply", tmp_path / "coarse.ply"
     assert run("decode", model, fine, "--method", "intersection", "--max-error", "0.1%")[0] == 0
@@ -183,6 +185,7 @@ def test_decode_to_levels_of_detail(run, fails, model, tmp_path):
         assert f"--lod is {n}" in fails(2, "decode", *arguments)
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize("extension", ["ply", "glb", "obj"])
 def test_decode_from_and_to_a_stream(run, model, tmp_path, extension):
     code = "from cndhf_codec import cli; cli.decode()"
@@ -196,6 +199,7 @@ def test_decode_from_and_to_a_stream(run, model, tmp_path, extension):
 ENCODE = [sys.executable, "-c", "from cndhf_codec import cli; cli.encode()"]
 
 
+@pytest.mark.encode
 def test_check_of_the_standard_input(box):
     for name in ("-", "/dev/stdin"):
         done = subprocess.run([*ENCODE, "--check", name], input=box.read_bytes(), capture_output=True, check=False)
@@ -244,6 +248,7 @@ def test_check_refuses_seeds_as_encode_does(fails, box, seed):
     assert f"seed is {seed}" in fails(2, "encode", "--check", box, "--seed", seed)
 
 
+@pytest.mark.encode
 def test_a_stream_with_a_grid_beside_it_carries_the_mesh_only(model, tmp_path):
     code = "from cndhf_codec import cli; cli.decode()"
     options = ["--format", "off", "--resolution", "16", "--occupancy", tmp_path / "a.npz"]
@@ -305,6 +310,7 @@ def test_compare_with_a_cndhf_file(run, model, tmp_path):
     assert json.loads(out)["percent"]["max_error"] < 1e-3
 
 
+@pytest.mark.encode
 def test_compare_writes_a_page(run, fails, box, tmp_path, monkeypatch):
     from cndhf_codec.report import page
 
@@ -495,6 +501,7 @@ def test_help_and_version(run, name):
     assert "0." in out
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize(
     ("name", "gone", "extra"),
     [
@@ -582,6 +589,7 @@ def test_text_that_the_terminal_cannot_show(tmp_path, golden):
     assert b"source Ger" in done.stdout
 
 
+@pytest.mark.encode
 def test_names_that_are_not_utf8(tmp_path, model):
     target = os.fsencode(tmp_path) + b"/\xff.ply"
     command = [os.fsencode(BIN / "cndhf-decode"), os.fsencode(model), target, b"--resolution", b"16"]
@@ -602,6 +610,7 @@ def test_text_in_a_file_cannot_drive_the_terminal(run, tmp_path):
     assert "\nfake line" not in out
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize("name", ["encode", "decode", "info"])
 def test_the_installed_script(name, tmp_path):
     done = subprocess.run(

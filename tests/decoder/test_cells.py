@@ -57,6 +57,7 @@ def cloud(model, n=60_000):
     return np.concatenate([wide, inner, beside]) * model.container.scale + model.container.centre
 
 
+@pytest.mark.encode
 def test_contains_is_the_sign_of_f(model):
     points = cloud(model)
     f = model.implicit(points) / model.container.scale
@@ -132,6 +133,7 @@ def test_float32_points_of_a_far_solid_are_taken_as_they_are():
     assert np.array_equal(model.contains(points), model.contains(points.astype(np.float64)))
 
 
+@pytest.mark.encode
 def test_many_threads_make_the_cells_once(monkeypatch):
     made = []
 
@@ -183,6 +185,7 @@ def test_a_copy_of_a_model_makes_its_own_cells(golden):
         assert twin.info == model.info
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize("query", ["contains", "implicit", "gradient", "heights", "rays", "fan", "integers"])
 def test_memory_does_not_grow_with_the_points(query):
     model = MODELS["two"]()

@@ -145,6 +145,7 @@ def test_a_simplification_that_loses_volume_is_a_failure(monkeypatch):
         wavy().to_mesh(24, method="intersection")
 
 
+@pytest.mark.encode
 def test_solids_have_a_limit_of_vertices():
     model = loads(rawfile.noise(1, 8, 2), limits=Limits(vertices=100_000))
     with pytest.warns(UserWarning, match=r"no intersection \(this file asks for too much.*vertices"):

@@ -101,6 +101,7 @@ def test_memory_of_loading(measure, data):
     assert measure("parse", 0, data)[1] < 64 * MIB
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize("data", [rawfile.noise(16, 4, 1), rawfile.noise(1, 128, 2)], ids=["many", "wide"])
 def test_memory_of_queries(measure, data):
     count, memory = measure("contains", 70_000, data)
@@ -109,6 +110,7 @@ def test_memory_of_queries(measure, data):
     assert memory < 60e6 + 16e6 + 40 * count
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize(
     ("n_dhfs", "width", "resolution"), [(1, 4, 112), (64, 2, 32), (1, 96, 32)], ids=["surface", "tables", "network"]
 )
@@ -119,6 +121,7 @@ def test_memory_of_surfaces_and_grids(measure, what, n_dhfs, width, resolution):
     assert memory < 512 * MIB + 256 * n_dhfs * resolution**2 + each * count
 
 
+@pytest.mark.encode
 def test_memory_of_an_intersection(measure):
     triangles, memory = measure("intersection", 32, rawfile.noise(2, 8, 2))
     assert triangles > 1e6

@@ -79,6 +79,7 @@ def test_a_thin_plate_is_found():
     np.testing.assert_allclose(hits.distance, 1 - 2**-9, atol=2e-6)
 
 
+@pytest.mark.encode
 @pytest.mark.parametrize("name", ["waves", "fitted"])
 def test_as_embree_on_a_fine_mesh(name, golden):
     model = (

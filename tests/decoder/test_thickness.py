@@ -64,6 +64,7 @@ def test_a_grid_that_is_too_coarse_says_so(ask):
         ask(plate())
 
 
+@pytest.mark.encode
 def test_a_grid_that_is_fine_enough_says_nothing():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

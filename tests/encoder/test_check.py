@@ -49,6 +49,7 @@ def test_orientation():
     assert len(found.assumptions) == 1
 
 
+@pytest.mark.encode
 def test_self_intersections():
     a, b = trimesh.creation.icosphere(3), trimesh.creation.icosphere(3)
     b.apply_translation([0.7, 0.1, 0.2])

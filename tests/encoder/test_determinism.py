@@ -14,6 +14,8 @@ import trimesh
 
 from cndhf_codec import encode
 
+pytestmark = pytest.mark.encode
+
 # As `tiny`, in an interpreter of its own.
 ENCODE = """
 import sys

@@ -11,6 +11,8 @@ import pytest
 
 from cndhf_codec.decoder.meshfile import write_mesh
 
+pytestmark = pytest.mark.encode
+
 MOST_MEMORY = (
     10e9  # bytes; reading, preparing and measuring were seen to take 7.3 GB, most of it igl's tree of all faces
 )

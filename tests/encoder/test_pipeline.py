@@ -21,6 +21,8 @@ from cndhf_codec.mesh.bodies import Bodies
 from cndhf_codec.mesh.distances import Distances, surface_distances
 from cndhf_codec.mesh.read import read_mesh
 
+pytestmark = pytest.mark.encode
+
 # A twentieth of the work of the default preset, and good to about a hundredth of the size.
 SMALL = replace(
     settings.PRESETS["fast"],

@@ -9,6 +9,8 @@ from cndhf_codec.encoder import settings, size_search
 from cndhf_codec.encoder.size_search import smallest_file
 from cndhf_codec.errors import EncodeError, OptionError
 
+pytestmark = pytest.mark.encode
+
 
 def error_of(size: int, power: float = 0.9, floor: float = 0.0) -> float:
     return floor + 100 * size**-power

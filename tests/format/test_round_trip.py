@@ -36,6 +36,7 @@ def test_round_trip(c):
     assert dumps(back) == data == dumps(c)
 
 
+@pytest.mark.encode
 @settings(max_examples=200, deadline=None)
 @given(damaged() | rearranged())
 def test_damage_below_the_checksum_is_a_format_error_or_another_valid_file(data):

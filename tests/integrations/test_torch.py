@@ -56,6 +56,7 @@ def test_heights(model):
         module(torch.tensor(uv))
 
 
+@pytest.mark.encode
 def test_weights_are_trainable(model, points):
     module = CndhfModule(model)
     assert sum(p.numel() for p in module.parameters()) == model.info["parameters"]

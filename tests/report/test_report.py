@@ -50,6 +50,7 @@ def test_what_a_pixel_sees():
     assert (at[hit] @ frame[2] > -0.01).all()
 
 
+@pytest.mark.encode
 def test_the_page_stands_alone(pair, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(page_module, "SIZE", 96)

@@ -10,6 +10,8 @@ from cndhf_codec.encoder.dhf.fit.active_set import TOLERANCE, ActiveSet, _runs
 from cndhf_codec.encoder.dhf.fit.loss import JointLoss
 from cndhf_codec.encoder.thread_pool import ThreadPool
 
+pytestmark = pytest.mark.encode
+
 
 def test_what_is_left_out_costs_nothing(samples, clear, frames, monkeypatch):
     monkeypatch.setattr(ActiveSet, "_quotas", lambda self, n: [])  # violations are drawn more often on purpose

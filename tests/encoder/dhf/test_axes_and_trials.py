@@ -19,6 +19,8 @@ from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.mesh.read import read_mesh
 from cndhf_codec.mesh.solid import Solid
 
+pytestmark = pytest.mark.encode
+
 
 def test_axes_are_chosen_by_what_they_leave(solid):
     costs = AxisCosts(solid, 0, ThreadPool(1))

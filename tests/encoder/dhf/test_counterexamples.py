@@ -15,6 +15,8 @@ from cndhf_codec.encoder.dhf.fit.joint import Schedule, joint_fit
 from cndhf_codec.encoder.dhf.fit.loss import JointLoss
 from cndhf_codec.encoder.thread_pool import ThreadPool
 
+pytestmark = pytest.mark.encode
+
 
 def test_floaters_are_found(joint_loss):
     # Networks whose heights are constant, the far above the near: everything in the boxes is inside.

@@ -23,6 +23,8 @@ from cndhf_codec.encoder.dhf.widths import widths_for
 from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.errors import EncodeError
 
+pytestmark = pytest.mark.encode
+
 
 def test_a_joint_fit_that_diverges_is_an_error(joint_loss):
     nets = networks()

@@ -10,6 +10,8 @@ from jointly import networks
 from cndhf_codec.encoder.dhf.network import kernel
 from cndhf_codec.encoder.dhf.network.siren import forward, heights
 
+pytestmark = pytest.mark.encode
+
 
 @pytest.mark.parametrize("width", [5, 8, 19])
 def test_the_compiled_evaluation_has_torch_s_values_and_gradients(width):

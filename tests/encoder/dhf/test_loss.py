@@ -17,6 +17,8 @@ from cndhf_codec.encoder.dhf.fit.samples import Samples
 from cndhf_codec.encoder.dhf.network.soap import Soap
 from cndhf_codec.encoder.thread_pool import ThreadPool
 
+pytestmark = pytest.mark.encode
+
 
 @pytest.mark.parametrize("refreshed", [False, True])
 @pytest.mark.parametrize("widths", [(8, 8), (9, 8)])

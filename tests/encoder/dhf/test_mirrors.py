@@ -21,6 +21,8 @@ from cndhf_codec.encoder.dhf.fit.targets import height_targets
 from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.mesh.solid import Solid
 
+pytestmark = pytest.mark.encode
+
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
 SHIFT = np.array([0.05, -0.02, 0.03])
 

@@ -23,6 +23,8 @@ from cndhf_codec.encoder.dhf.rounding.gauss_newton import gauss_newton_blocks
 from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
 
+pytestmark = pytest.mark.encode
+
 
 def test_the_matrix_does_not_depend_on_threads(joint_loss):
     with ThreadPool(1) as one, ThreadPool(3) as three:

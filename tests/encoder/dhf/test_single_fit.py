@@ -24,6 +24,8 @@ from cndhf_codec.errors import EncodeError
 from cndhf_codec.format.container import tensor_shapes
 from cndhf_codec.mesh.solid import Solid
 
+pytestmark = pytest.mark.encode
+
 POINTS, TILES = partial(PointLoss, margin=0.01), partial(TileLoss, margin=0.1, laplacian=10.0)
 SMALL = Training(
     width=8, hidden_layers=2, omega=30, steps=600, learning_rate=3e-3, batch=512, loss=POINTS, optimiser=soap

@@ -12,6 +12,8 @@ from jointly import networks, of_widths, used
 from cndhf_codec.encoder.dhf.network.siren import initialise
 from cndhf_codec.encoder.dhf.network.soap import Soap
 
+pytestmark = pytest.mark.encode
+
 
 def test_soap_rotates_and_finds_the_minimum():
     # Strongly coupled least squares on every hidden matrix: plain gradients crawl.

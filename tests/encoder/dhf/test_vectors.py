@@ -13,6 +13,8 @@ import pytest
 from cndhf_codec.encoder.dhf.network import vectors
 from cndhf_codec.encoder.dhf.network.vectors import LANES
 
+pytestmark = pytest.mark.encode
+
 SIZES = [1, 2, 4, 5, 16, 35]
 COLUMNS = [LANES, 3 * LANES, 9 * LANES]  # fewer than a wide block has, and some more than one or two
 

@@ -12,6 +12,8 @@ from cndhf_codec.encoder import settings
 from cndhf_codec.encoder.dhf.widths import WIDEST_EQUAL, widths_for
 from cndhf_codec.format.container import parameter_count
 
+pytestmark = pytest.mark.encode
+
 
 def test_the_widths_follow_from_the_size_and_the_shares():
     def at(size: int, *shares: float) -> list[int]:

@@ -21,6 +21,8 @@ from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.format import Container, dumps, loads
 from cndhf_codec.mesh.solid import Solid
 
+pytestmark = pytest.mark.encode
+
 SETTINGS = PaperSettings(width=8, hidden_layers=2, margin=0.01)
 TRAINING = Training(
     width=8,

@@ -103,7 +103,7 @@ class CounterexampleSearch:
 
         def look(at: int) -> torch.Tensor:
             part = points[at : at + POINTS_PER_CALL]
-            least = torch.full((len(part),), kernel.NO_FIELD)
+            least = torch.full((len(part),), float(kernel.NO_FIELD))
             for k in range(len(networks)):
                 least = torch.minimum(least, self._value(networks, k, part))
             return least if side == INSIDE else -least
