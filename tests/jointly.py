@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.dhf.job import Job, Plan
 from cndhf_codec.encoder.dhf.network.siren import Networks, initialise, stacked
 from cndhf_codec.encoder.dhf.settings import DEFAULT, DhfSettings
@@ -40,3 +41,15 @@ def used(nets: Networks) -> np.ndarray:
 
 def quiet(step: int, loss: float) -> None:
     """No progress."""
+
+
+class Looks(Deadline):
+    """A deadline after so many looks at it, in place of seconds."""
+
+    def __init__(self, looks: int) -> None:
+        super().__init__()
+        self._left, self._looks = looks, looks
+
+    def passed(self) -> float:
+        self._left -= 1
+        return 1 - (self._left + 1) / self._looks

@@ -14,6 +14,8 @@ MODULES = [
     "cndhf_codec.decoder.meshfile",
     "cndhf_codec.decoder.model",
     "cndhf_codec.decoder.results",
+    "cndhf_codec.encoder.check",
+    pytest.param("cndhf_codec.encoder.pipeline", marks=pytest.mark.encode),
     "cndhf_codec.errors",
     "cndhf_codec.integrations.meshio",
     "cndhf_codec.integrations.torch",
@@ -22,6 +24,8 @@ MODULES = [
 # What their examples need besides numpy and zstandard. Where it is missing, the test is skipped.
 NEEDS = {
     "cndhf_codec.decoder.meshfile": ["trimesh"],
+    "cndhf_codec.encoder.check": ["igl", "embreex"],
+    "cndhf_codec.encoder.pipeline": ["torch", "numba"],
     "cndhf_codec.decoder.model": ["trimesh", "manifold3d"],
     "cndhf_codec.integrations.meshio": ["meshio", "trimesh"],
     "cndhf_codec.integrations.torch": ["torch"],

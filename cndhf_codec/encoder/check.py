@@ -25,15 +25,40 @@ from .thread_pool import ThreadPool
 class Check:
     """A mesh as the encoder sees it. Lengths are in input units, shares of 1.
 
-    dropped_faces: of zero area. components: parts that share no vertex. boundary_edges: of one face, in
-    boundary_loops connected chains. nonmanifold_edges: of three faces or more. flipped: share of the surface whose
-    orientation is reversed. self_intersections: share of (at most 200,000 sampled) edges that pierce another face.
-    parts: bodies of the solid that do not touch each other, and minor_parts: those shorter than a hundredth of the
-    largest. volume: of the solid, exact for a closed surface that does not go through itself, else from 30,000 points.
-    hidden: share of the surface that no axis sees, which will be filled. filled, error_lower_bound: the volume that
-    exact height fields along the `axes` best axes would add, and the mean error that they would leave by it.
-    assumptions: a line for each thing that would be taken for granted. refusal: why it would not be encoded, or None;
-    then what is said of the solid is None.
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    vertices, faces : int
+        How many, after equal positions are merged and faces of zero area left out.
+    dropped_faces : int
+        Faces of zero area.
+    extents, diagonal : tuple of float, float
+        Of the bounding box.
+    components : int
+        Parts that share no vertex.
+    boundary_loops, boundary_edges : int
+        Connected chains of edges of one face, and such edges.
+    nonmanifold_edges : int
+        Edges of three faces or more.
+    flipped : float
+        Share of the surface whose orientation is reversed.
+    self_intersections : float
+        Share of the edges (at most 200,000 sampled ones) that pierce another face.
+    parts, minor_parts : int or None
+        Bodies of the solid that do not touch each other; those shorter than a hundredth of the largest apart.
+    volume : float or None
+        Of the solid: exact for a closed surface that does not go through itself, else from 30,000 points.
+    hidden : float or None
+        Share of the surface that no axis sees, which will be filled.
+    axes : int or None
+        How many axes the next two are said for: those of preset `default`.
+    filled, error_lower_bound : float or None
+        Volume that exact height fields along the best axes would add, and the mean error that they would leave by it.
+    assumptions : list of str
+        A line for each thing that would be taken for granted.
+    refusal : str or None
+        Why it would not be encoded; then what is said of the solid is None.
     """
 
     name: str
@@ -60,10 +85,33 @@ class Check:
 
 
 def check(source: Any, *, thicken: float | str | None = None, unit: str | None = None, seed: int = 0) -> Check:
-    """Look at a mesh as `encode` would. source, thicken, unit and seed are as there.
+    """Look at a mesh as `encode` would, without encoding it.
 
-    A surface that `encode` refuses, for being open or too thin, has a `refusal`. Raises InputError and MeshError for
-    what is no mesh, OptionError, and MissingExtraError (the `encode` extra).
+    Parameters
+    ----------
+    source, thicken, unit, seed
+        As of `encode`.
+
+    Returns
+    -------
+    Check
+        A surface that `encode` refuses, for being open or too thin, has a `refusal`.
+
+    Raises
+    ------
+    InputError, MeshError
+        For what cannot be read or is no mesh.
+    OptionError
+        When an argument is of a wrong type or out of range.
+    MissingExtraError
+        When the `encode` extra is not installed.
+
+    Examples
+    --------
+    >>> import cndhf_codec
+    >>> found = cndhf_codec.check("examples/bracket.ply")
+    >>> found.faces, found.parts, found.refusal
+    (2464, 1, None)
     """
     seed = check_seed(seed)
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")

@@ -107,9 +107,12 @@ def encode(
 
     Examples
     --------
-    >>> import cndhf_codec
-    >>> model = cndhf_codec.encode("examples/bracket.ply", preset="fast", target_size="2KiB")  # doctest: +SKIP
-    >>> model.save("bracket.cndhf")  # doctest: +SKIP
+    >>> import cndhf_codec, trimesh
+    >>> model = cndhf_codec.encode(trimesh.creation.icosphere(4), preset="fast", target_size="1KiB")
+    >>> len(model.dumps()) <= 1024, model.report.warnings
+    (True, [])
+    >>> model.contains([[0, 0, 0.9], [0, 0, 1.1]])
+    array([ True, False])
     """
     settings = settings_for(preset, axes, width, target_size)
     limit = None if target_error is None else parse_length(target_error, unit, "target error")

@@ -219,7 +219,7 @@ def _beside(path: Path) -> Fetch:
 
 
 def _flatten(scene: Any, name: str) -> Any:
-    trimesh = require("trimesh", "encode")
+    trimesh = require("trimesh", "mesh")
     meshes = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
     if not meshes:
         raise MeshError(f"{name}: holds no triangles (a point cloud or curves?)")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from functools import partial
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from jointly import Looks
 
 from cndhf_codec.decoder.dhf.network import Network
 from cndhf_codec.encoder.deadline import Deadline
@@ -105,11 +105,8 @@ def test_progress_counts_the_steps_of_all_fits(targets):
 
 
 def test_a_deadline_ends_the_fit(targets):
-    (first,) = fit(targets[:1], replace(SMALL, steps=1))  # compiles, too
-    start = time.monotonic()
-    (tensors,) = fit(targets[:1], replace(SMALL, steps=10**7), deadline=Deadline(5.0))
-    assert time.monotonic() - start < 20
-    # How far it comes in that time is the machine's affair.
+    (first,) = fit(targets[:1], replace(SMALL, steps=1))
+    (tensors,) = fit(targets[:1], replace(SMALL, steps=10**7), deadline=Looks(200))
     assert outcome(tensors, targets[0])[0] < outcome(first, targets[0])[0]
 
 
