@@ -19,7 +19,7 @@ TOUCH_POINTS = 50_000  # of the surface, at which the next part is looked for
 TOUCH = 5e-4
 EDGES = 200_000  # at most, that are looked at for whether they go through faces
 LEAST_DEPTH = 1e-6  # how far an edge must go through a face to count (normalised units; float32 rays)
-VOLUME_POINTS, EVERY = 30_000, 15  # every FEWth is looked at first
+VOLUME_POINTS, EVERY = 30_000, 15  # every 15th is looked at first
 
 Piercing = tuple[I64, Mask, I32]
 

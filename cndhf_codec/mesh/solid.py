@@ -166,7 +166,7 @@ def _disc(direction: F64, n: int) -> F64:
 
 
 def _morton(points: F64) -> I64:
-    """Z-order curve index of points in the cube [-1, 1]^3, 10 bits an axis."""
+    """Z-order curve index of points in the cube [-1, 1]^3, 10 bits per axis."""
     cell = np.clip((points + 1) * 512, 0, 1023).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
     for bit in range(10):

@@ -219,6 +219,17 @@ def test_progress_goes_through_the_stages_in_order(part):
         ({"seed": -1}, "seed"),
         ({"seed": 2**32}, "seed"),
         ({"threads": 1.5}, "threads is 1.5; a whole number"),
+        ({"seed": "1"}, "seed is '1'; a whole number"),
+        ({"axes": True}, "axes is True; a whole number"),
+        ({"width": [8]}, r"width is \[8\]; a whole number"),
+        ({"preset": 3}, "preset is 3; there are"),
+        ({"target_size": 4096.5}, "target size is 4096.5"),
+        ({"target_size": "4 apples"}, "target size is '4 apples'"),
+        ({"target_error": object}, "target error is"),
+        ({"thicken": "thick"}, "thickness is 'thick'"),
+        ({"time_limit": "soon"}, "time limit is 'soon'"),
+        ({"time_limit": float("nan")}, "time limit is nan"),
+        ({"unit": 3, "thicken": 1}, "unit is 3"),
     ],
 )
 def test_options_are_checked_before_the_mesh_is_read(options, message):

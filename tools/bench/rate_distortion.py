@@ -35,7 +35,7 @@ from matplotlib import pyplot as plt
 sys.path.insert(0, str(Path(__file__).parent))
 
 COLUMNS = ("mesh", "method", "budget", "bytes", "CD", "p99", "max", "encode s", "decode s")
-PEER_SAMPLES = 50_000  # a surface, at some 130 points a mesh: their CD is good to half a per cent
+PEER_SAMPLES = 50_000  # per surface, at some 130 points per mesh: their CD is good to half a per cent
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(os.environ.get("CNDHF_CORPUS", ROOT.parent / "shared" / "corpus"))
 

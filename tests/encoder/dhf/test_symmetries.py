@@ -1,4 +1,4 @@
-"""The canonical form of a network is the same function."""
+"""Folded and sorted networks are the same function."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def _iterate(matrix: F32, basis: F32) -> None:
     for i in range(n):
         for j in range(n):
             largest = max(largest, abs(matrix[i, j]))
-    vectors = np.zeros((n, n))  # one a row
+    vectors = np.zeros((n, n))  # one per row
     for c in range(n):
         for j in range(n):
             b = basis[j, c] / largest
