@@ -1,4 +1,4 @@
-"""The encoder from end to end: mesh -> solid -> the preset's method -> verified bytes."""
+"""Encode from end to end: mesh -> solid -> the preset's method -> verified bytes."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def encode(
         The most mean error: a number in input units, "0.2%" of the bounding box's diagonal, or "0.5mm" where `unit` is
         given. Makes the smallest file found that keeps to it, by several encodes.
     unit : {"mm", "cm", "m", "in"}, optional
-        What the input's unit is, for `target_error` and `thicken`.
+        The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
         Thickness of a wall that open sheets get, which have no inside otherwise; a length as in `target_error`.
     time_limit : float, optional
@@ -122,7 +122,7 @@ def encode(
     deadline = Deadline() if time_limit is None else Deadline(positive(time_limit, "time limit", "seconds"))
     threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
-    # Named before any work is done: a library that is missing, and a name that cannot be stored.
+    # Fail before any work is done where a library is missing or a name cannot be stored.
     for library in ("torch", "numba", "embreex", "igl", "trimesh", "threadpoolctl"):
         require(library, "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
@@ -170,7 +170,7 @@ class _Run:
         self._report, self._clock = report, clock
 
     def attempt(self, settings: Settings, deadline: Deadline) -> Model:
-        """Encode as the settings say; the model's report is of this attempt."""
+        """Encode with these settings. The model's report is that of this attempt."""
         from threadpoolctl import threadpool_limits
 
         from .dhf.encode import encode_dhf
@@ -179,7 +179,7 @@ class _Run:
         prepared, seed, report = self._prepared, self._seed, self._report
         name, norm, solid = prepared.given.name, prepared.norm, prepared.solid
         fit_deadline = deadline.part(1 - VERIFY_SHARE)
-        # One BLAS thread: the fits bring their own threads, and no sum depends on how many there are.
+        # One BLAS thread: the fits bring their own threads, and no sum may depend on how many there are.
         with threadpool_limits(1, user_api="blas"):
             if isinstance(settings, DhfSettings):
                 metadata_bytes = len(pack_metadata(self._metadata)) + TABLE_ENTRY_SIZE
@@ -193,7 +193,7 @@ class _Run:
 
         self._clock("verify", 1)
         container = Container(norm.centre, norm.scale, tuple(made.records), self._metadata, codec)
-        # What is measured is what a user would decode from the bytes on disk.
+        # Measure what a user would decode from the bytes on disk.
         try:
             surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
         except SurfaceError as exc:
@@ -224,7 +224,7 @@ class _Run:
 
 
 class _Clock:
-    """Announces the stages and times them; a stage ends where the next begins."""
+    """Announce the stages of an encode and time them. A stage ends where the next begins."""
 
     def __init__(self, report: Report, progress: Progress) -> None:
         self._report, self._progress = report, progress
@@ -245,5 +245,5 @@ class _Clock:
 
 
 def _significant(value: float) -> float:
-    """Four significant digits: an error that floats sum in another order still gives the same bytes."""
+    """Round to four significant digits, so that sums of floats in another order give the same bytes."""
     return float(f"{value:.3e}")

@@ -1,10 +1,10 @@
 """The joint loss: how far the intersection of all double height fields is from the samples of the solid.
 
 f is the least value of all fields. One height of one field answers for each sample:
-- a point of the surface that f leaves outside: the field that cuts it off. One that is inside: the nearest to it of the
-  fields that see it. The loss is |f| times the cosine between normal and axis, which is the distance to the surface.
-- a point of space: the least of all fields when it is inside, the least of those that may exclude it when it is
-  outside. The loss is a hinge: the sign of f shall be right by a margin.
+- of a surface sample where f < 0, it is the field of least value; of one where f >= 0, the field of least value among
+  those that see it. The loss is that |value| times |normal . axis|, the distance from the surface.
+- of a space sample inside the solid, it is the field of least value; of one outside, the field of least value among
+  those that may exclude it. The loss is a hinge: that value must have the right sign by a margin.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ ARTIFACT_DISTANCE = 0.04  # a sample that is wrongly inside at this distance fro
 class Terms:
     """What a batch of B samples costs.
 
-    cost: (B,) loss of each sample. argument: (B,) f (surface) or argument of the hinge (space). weight: (B,)
-    d cost / d |argument| where it is not zero. field: (B,) which field answers. side: (B,) with which height, 0 near,
-    1 far. uv: one (B, 2) tensor per field.
+    cost: (B,) loss of each sample. argument: (B,) the value that answers (surface), or the argument of the hinge
+    (space). weight: (B,) d cost / d |argument| where the cost is not zero. field: (B,) which field answers. side: (B,)
+    with which height, 0 near, 1 far. uv: where each network is evaluated, one (B, 2) tensor per field.
     """
 
     cost: torch.Tensor
@@ -50,7 +50,7 @@ class Terms:
 
 
 class JointLoss:
-    """The loss on samples of a solid. Not for several threads at once."""
+    """The joint loss on samples of a solid. Not for several threads at once."""
 
     def __init__(self, samples: Samples, clear: ClearSpace, frames: list[Frame], threads: ThreadPool) -> None:
         self._threads = threads
@@ -61,7 +61,7 @@ class JointLoss:
         self.active = ActiveSet(self.store, self.search, threads)
 
     def shares(self, networks: Networks) -> list[float]:
-        """(K,) share of the loss that each network answers for."""
+        """Share of the loss that each network answers for, (K,)."""
         n = self.store.n_surface, self.store.n_space
         with torch.no_grad():
             terms = self.terms(networks, *(torch.arange(count) for count in n))
@@ -69,8 +69,8 @@ class JointLoss:
         return (torch.bincount(terms.field, cost, minlength=len(networks)) / cost.sum()).tolist()
 
     def artifacts(self, networks: Networks) -> int:
-        """How many points lie in floaters and slits: wrongly inside, far from the surface, or wrongly outside, deep in
-        the solid."""
+        """Count the points in floaters and slits: wrongly inside far from the surface, or wrongly outside deep in the
+        solid."""
         store, n = self.store, self.store.n_space
         least = deciding_value(store, field_values(networks, store.space, store.boxes, self._threads))[:n]
         inside, distance = store.inside[:n], store.distance[:n]
@@ -79,8 +79,8 @@ class JointLoss:
         return int((floaters | slits).sum()) + self.search.artifacts(networks)
 
     def gradient(self, networks: Networks, draws: Draws) -> tuple[torch.Tensor, float]:
-        """(K, P) gradient in theta of the loss of the first step, and the loss: the mean cost of the batch's surface
-        samples and that of the space samples that it stands for, added."""
+        """Return the gradient in theta, (K, P), of the loss of the first step, and the loss. It is the mean cost of the
+        batch's surface samples plus that of the space samples that the batch stands for."""
         none = np.zeros((0, len(networks)))
         out = self._run(networks, Soap(networks), draws.part(0, 1), none, None)
         return torch.from_numpy(out.gradients[0]), float(out.losses[0].sum())
@@ -88,8 +88,11 @@ class JointLoss:
     def descend(
         self, networks: Networks, optimiser: Soap, draws: Draws, rates: F64, held: torch.Tensor | None = None
     ) -> tuple[float, Mask]:
-        """Change the networks in place by a step on each of the batches, at learning rates (S, K). held: (K, P) mask of
-        the weights to leave as they are. Returns the last step's loss, and, (K,), which networks had a gradient."""
+        """Take a step on each of S batches, in place, at learning rates (S, K). The first only starts the optimiser.
+
+        held: (K, P) mask of the weights to leave as they are. Returns the last step's loss, and which networks have had
+        a gradient, (K,).
+        """
         if not optimiser.started:
             gradient, loss = self.gradient(networks, draws)
             pulled = gradient.any(dim=1).numpy()
@@ -102,7 +105,7 @@ class JointLoss:
         return float(out.losses[-1].sum()), out.pulled
 
     def _run(self, networks: Networks, optimiser: Soap, draws: Draws, rates: F64, held: torch.Tensor | None) -> Output:
-        """Take the steps in all threads; with no rates the weights stay as they are."""
+        """Take the steps in all threads. Without rates the weights stay as they are."""
         theta: F32 = networks.theta.detach().numpy()
         loss = kernel.Loss(
             networks.kernel_shapes(), self.store.boxes.numpy(), self.active.on_surface, self.active.in_space
@@ -128,7 +131,7 @@ class JointLoss:
         return out
 
     def terms(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> Terms:
-        """Terms of the surface samples and then the space samples of these rows, by torch."""
+        """Evaluate, in torch, the terms of the surface samples and then of the space samples in these rows."""
         store, n = self.store, len(surface)
         values, far_decides, uvs = [], [], []
         for k in range(len(networks)):
