@@ -1,4 +1,4 @@
-"""`cndhf-decode`: .cndhf file -> mesh file or occupancy grid."""
+"""`cndhf-decode`: decode a .cndhf file to a mesh file or an occupancy grid."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def command(
         if occupancy.absolute() in [path.absolute() for path in levels]:
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
     model = load_stream(sys.stdin.buffer, "standard input") if source == STREAM else load(source)
-    # All are made before one is written: an interrupt leaves nothing.
+    # Make all before writing any: an interrupt leaves nothing.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
@@ -119,12 +119,12 @@ def command(
         write_grid(occupancy, *grid, overwrite)
         if not quiet:
             shape = " x ".join(str(n) for n in grid[0].shape)
-            # Beside a mesh on the standard output there is no place for words.
+            # Where the standard output holds a mesh, the summary goes to standard error.
             click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
 
 
 def _levels(target: Path, resolution: int, n: int) -> dict[Path, int | None]:
-    """Paths and resolutions of levels of detail: each has a quarter of the triangles of the one before."""
+    """Paths and resolutions of levels of detail. Each has about a quarter of the triangles of the one before."""
     if n < 1 or resolution >> (n - 1) < COARSEST:
         raise OptionError(
             f"--lod is {n}: 1 or more, and the last level's resolution, {resolution} halved {max(n - 1, 0)} times, "
