@@ -1,4 +1,4 @@
-"""Which axes are taken, and after which trials."""
+"""Choice of axes by costs and by trials."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_width_is_taken_as_given(solid):
 
 
 def slotted() -> Solid:
-    """A cube of side 1 with a slot: half of it deep in x, all of it wide in y, a fifth of it high."""
+    """A cube of side 1 with a slot 1/2 deep in x, as wide as the cube in y, and 1/5 high."""
     cube = trimesh.creation.box((1, 1, 1))
     slot = trimesh.creation.box((0.5, 2, 0.2), trimesh.transformations.translation_matrix((0.25001, 0, 0)))
     mesh = read_mesh(trimesh.boolean.difference([cube, slot], engine="manifold").subdivide())
@@ -127,7 +127,7 @@ def test_sets_that_must_leave_more_than_others_reach_are_not_tried(monkeypatch):
         return Trial(plan.error_lower_bound + 0.001, plan.shares, None)
 
     def bounds_tried(*sets: int) -> list[float]:
-        """Axes from the end; the last set is tried first."""
+        """Error lower bounds of the plans, in the order of trials. sets: axes from the end; the last is tried first."""
         tried.clear()
         monkeypatch.setattr(AxisCosts, "sets", lambda self, count: [[len(self.axes) - k] for k in sets])
         trials.make_plan(job_of(solid, replace(SMALL, target_size=1024, max_axes=1)), Deadline())
