@@ -111,8 +111,8 @@ def command(
     from ..encoder.progress import Bar
 
     to_stream = target == STREAM
-    if to_stream and sys.stdout.isatty():
-        raise OptionError("OUTPUT is - and the standard output a terminal: send it to a file or a program")
+    if to_stream and (sys.stdout is None or sys.stdout.isatty()):
+        raise OptionError("OUTPUT is - and the standard output is closed or a terminal: send it to a file or a program")
     if not to_stream:
         check_output(target, overwrite, [Path("/dev/stdin") if source == STREAM else source])
     bar = Bar(quiet)

@@ -38,7 +38,7 @@ class Bar:
     def __call__(self, stage: str, done: int, total: int, loss: float = math.nan) -> None:
         if not self._on:
             return
-        if stage != self._stage:
+        if stage != self._stage or (self._bar is None and done < total):  # a stage may be run again
             self.close()
             self._stage = stage
             form = "{desc:<9} {percentage:3.0f}%|{bar:30}| {elapsed}, {remaining} left{postfix}"

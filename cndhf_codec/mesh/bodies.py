@@ -19,7 +19,7 @@ TOUCH_POINTS = 50_000  # points of the surface from which neighbouring parts are
 TOUCH = 5e-4
 EDGES = 200_000  # most edges that are tested for piercing faces
 LEAST_DEPTH = 1e-6  # how far an edge must go through a face to count (normalised units; float32 rays)
-VOLUME_POINTS, EVERY = 30_000, 15  # points of the bounding box; every 15th is tried first
+VOLUME_POINTS, FIRST_LOOK_EVERY = 30_000, 15  # points of the bounding box; every 15th is tried first
 
 Piercing = tuple[I64, Mask, I32]
 
@@ -83,7 +83,7 @@ def _volume(solid: Solid, simple: bool) -> tuple[float, float]:
         return box * share, 3 * float(np.sqrt((1 - share) / max(share * len(points), 1)))
     signed = solid.signed_volume
     # A part may lie within another without piercing it. A few points show whether one does.
-    if simple and not _surplus(solid, points[::EVERY]).any():
+    if simple and not _surplus(solid, points[::FIRST_LOOK_EVERY]).any():
         return signed, 0.0
     surplus = _surplus(solid, points)
     volume = signed - box * float(surplus.mean())

@@ -41,7 +41,7 @@ MOST_TIMES = 1000  # bytes that may come out of each byte of a compressed file
 PIECE = 2**20
 Number = TypeVar("Number", bound=np.generic)
 
-AT_ONCE = 2**20  # faces checked together: bounds the memory that large meshes take
+FACES_AT_ONCE = 2**20  # faces checked together: bounds the memory that large meshes take
 LEAST_RADIUS, MOST_RADIUS = 1e-30, 1e30  # of a mesh: what float32 can hold
 
 
@@ -251,7 +251,9 @@ def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
     check_size(vertices[named], name)
     vertices, number = distinct_rows(vertices + 0.0)  # -0 becomes 0
     faces = number[faces]
-    solid = np.concatenate([_has_area(vertices, faces[at : at + AT_ONCE]) for at in range(0, len(faces), AT_ONCE)])
+    solid = np.concatenate(
+        [_has_area(vertices, faces[at : at + FACES_AT_ONCE]) for at in range(0, len(faces), FACES_AT_ONCE)]
+    )
     dropped = int(len(faces) - solid.sum())
     faces = faces[solid]
     if not len(faces):

@@ -14,7 +14,7 @@ from ..decoder.model import load
 from ..mesh.distances import Distances, surface_distances
 from ..mesh.read import read_mesh
 
-FINE = 384  # default resolution of a .cndhf file's surface
+MEASURED_RESOLUTION = 384  # default resolution of a .cndhf file's surface
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> S
     if path.suffix.lower() == ".cndhf":
         model = load(path)
         if resolution is None:
-            vertices, faces = model.surface(FINE)
+            vertices, faces = model.surface(MEASURED_RESOLUTION)
             vertices = vertices * model.container.scale + np.array(model.container.centre)
         else:
             surface = model.to_mesh(resolution)

@@ -468,6 +468,9 @@ def make_glb() -> None:
     g = one()
     g.root["nodes"].append({"children": [1]})
     put("circle.glb", g.glb(), error="is its own ancestor")
+    g = one()
+    g.root["nodes"] += [{"children": [2, 0]}, {"children": [1]}]  # the circle is entered from the node with the mesh
+    put("circle-from-outside.glb", g.glb(), error="is its own ancestor")
     g = Gltf()
     g.node(mesh=g.mesh(g.accessor(V.astype("<f4")), [[0, 1, 12]]))
     put("beyond.glb", g.glb(), error="names vertex 12, but there are 12")

@@ -138,12 +138,12 @@ class _Scene:
                 parents[child] = k
         settled: set[int] = set()
         for k in range(len(self.nodes)):
-            path: list[int] = []
+            path: set[int] = set()
             while k in parents and k not in settled:
-                path.append(k)
+                path.add(k)
                 settled.add(k)
                 k = parents[k]
-                if k in path[:1]:
+                if k in path:  # the walk may have begun outside the circle
                     raise UnreadableError(f"nodes {k}: is its own ancestor")
         return parents
 

@@ -12,7 +12,7 @@ from jointly import SMALL, job_of, quiet
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.dhf.axes import trials
 from cndhf_codec.encoder.dhf.axes.costs import AxisCosts
-from cndhf_codec.encoder.dhf.axes.trials import Round, Trial
+from cndhf_codec.encoder.dhf.axes.trials import Trial, TrialRound
 from cndhf_codec.encoder.dhf.job import Plan
 from cndhf_codec.encoder.dhf.widths import widths_for
 from cndhf_codec.encoder.thread_pool import ThreadPool
@@ -78,7 +78,7 @@ def test_threads_do_not_change_which_trials_count(solid, monkeypatch):
         tried.clear()
         with ThreadPool(threads) as pool:
             job = replace(job_of(solid, SMALL), threads=pool)
-            results.append(trials._compare(job, plans, [None] * 5, Round(10, 1.0, 0), Deadline(), quiet))
+            results.append(trials._compare(job, plans, [None] * 5, TrialRound(10, 1.0, 0), Deadline(), quiet))
         assert sorted(tried) == ([0.01, 0.02] if threads == 1 else [0.01, 0.02, 0.3])
     errors = results[0][0]
     assert errors == pytest.approx([0.11, np.inf, 0.12, np.inf, np.inf])

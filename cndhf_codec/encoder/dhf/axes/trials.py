@@ -48,7 +48,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Round:
+class TrialRound:
     """How plans are compared.
 
     steps: joint steps of each trial. shrink: share that the whole fit leaves of their errors (as SHRINK). reserve:
@@ -71,7 +71,7 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     # Most axes first: a set of fewer needs no trial where its error lower bound is above their errors.
     options.reverse()
     report = job.stage("plan", len(options) + FINALISTS)
-    first = Round(settings.trial_steps, SHRINK, FINALISTS * LONGER)
+    first = TrialRound(settings.trial_steps, SHRINK, FINALISTS * LONGER)
     errors, trials = _compare(job, options, [None] * len(options), first, deadline, report)
     order = np.argsort(errors, kind="stable")[:FINALISTS]
     close = [k for k in order if errors[k] < FINALIST_RATIO * errors[order[0]]] or [order[0]]
@@ -82,7 +82,7 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     def report_later(done: int, error: float) -> None:
         report(len(options) + done, error)
 
-    final = Round(settings.trial_steps * LONGER, LONGER_SHRINK, 0)
+    final = TrialRound(settings.trial_steps * LONGER, LONGER_SHRINK, 0)
     errors, trials = _compare(job, finalists, [trials[k].start for k in close], final, deadline, report_later)
     best = int(np.argmin(errors))
     return with_shares(finalists[best], trials[best].shares, job)
@@ -114,7 +114,7 @@ def _compare(
     job: Job,
     plans: list[Plan],
     starts: list[Networks | None],
-    of: Round,
+    of: TrialRound,
     deadline: Deadline,
     report: Callable[[int, float], None],
 ) -> tuple[list[float], list[Trial]]:

@@ -6,8 +6,6 @@ has changed by a tolerance. Batches are drawn from that until the next refresh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 
@@ -15,6 +13,7 @@ from ....arrays import F64, I64
 from ...thread_pool import ThreadPool
 from ..network.kernel import SpaceSamples, SurfaceSamples
 from ..network.siren import Networks
+from ..network.steps import Batches
 from .counterexamples import CounterexampleSearch
 from .sample_store import NO_FIELD, SampleStore
 from .values import field_values
@@ -22,22 +21,6 @@ from .values import field_values
 # Evidence for these constants: ADR 017.
 TOLERANCE = 0.1  # how much f may change before a field that is left out of a sample could matter to it
 RUN = 64  # samples in a row that are drawn together: side by side in memory is faster; their order is random
-
-
-@dataclass(frozen=True, eq=False)
-class Draws:
-    """Samples of S steps. surface: (S, B) rows of the surface samples. space: (S, C) places in the pool, which stand
-    for `of` draws among all space samples: those left out cost nothing."""
-
-    surface: I64
-    space: I64
-    of: int
-
-    def __len__(self) -> int:
-        return len(self.surface)
-
-    def part(self, first: int, last: int) -> Draws:
-        return Draws(self.surface[first:last], self.space[first:last], self.of)
 
 
 class ActiveSet:
@@ -92,18 +75,20 @@ class ActiveSet:
         space = torch.from_numpy(rng.integers(self._store.n_space, size=rest))
         return surface, torch.cat([space, pooled])
 
-    def draw_steps(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> Draws:
+    def draw_steps(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> Batches:
         """As `draw`, for `count` steps before the next refresh: in runs, and without space samples that cost
         nothing."""
         parts = self._quotas(n_space)
         rest = n_space - sum(n for _, _, n in parts)
         parts.append((0, self._active, round(rest * self._active / self._store.n_space)))
         space = np.concatenate([_runs(*part, count, rng) for part in parts], axis=1)
-        return Draws(_runs(0, self._store.n_surface, n_surface, count, rng), space, n_space)
+        surface = _runs(0, self._store.n_surface, n_surface, count, rng)
+        # The places of the pool stand for all of space.
+        return Batches(surface, space, np.float32(1 / max(n_surface, 1)), np.float32(1 / max(n_space, 1)))
 
-    def rows(self, draws: Draws) -> tuple[torch.Tensor, torch.Tensor]:
+    def rows(self, batches: Batches) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the rows of surface and space samples of the first step, as `draw` does."""
-        surface, space = (torch.from_numpy(part[0]) for part in (draws.surface, draws.space))
+        surface, space = (torch.from_numpy(part[0]) for part in (batches.surface, batches.space))
         return surface, self.pool[space]
 
     def _quotas(self, n_space: int) -> list[tuple[int, int, int]]:

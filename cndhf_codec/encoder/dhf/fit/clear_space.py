@@ -7,13 +7,13 @@ import numpy as np
 from ....arrays import F32, Mask
 from ....mesh.solid import Solid
 from ..frames import Frame
-from .samples import CLEARANCE, Sides, excluded_points, in_box
+from .samples import CLEARANCE, OppositeSamples, excluded_points, in_box
 
 
 class ClearSpace:
     """Clear space, from which points can be drawn; tells the truth about any point."""
 
-    def __init__(self, solid: Solid, frames: list[Frame], sides: Sides, cells: int = 64) -> None:
+    def __init__(self, solid: Solid, frames: list[Frame], sides: OppositeSamples, cells: int = 64) -> None:
         """sides: of the space samples. cells: per side of the grid."""
         self._solid, self._frames, self._sides = solid, frames, sides
         lo, hi = frames[0].bounds.T

@@ -81,11 +81,11 @@ def joint_fit(
             shares = np.clip(loss.active.owned * len(networks), LEAST_RATE_SHARE, 1.0)
         if first % DRAW_EVERY == 0:
             count = min(DRAW_EVERY, steps - first)
-            draws = loss.active.draw_steps(n_surface, schedule.batch - n_surface, count, rng)
+            batches = loss.active.draw_steps(n_surface, schedule.batch - n_surface, count, rng)
         last = min(first + CALL_STEPS, steps)
         done = [max(step / steps, passed) for step in range(first, last)]
         rates = [highest * cosine_schedule((d + 1 / steps) / WARM_UP_SHARE, d) for d in done]
-        some = draws.part(first % DRAW_EVERY, first % DRAW_EVERY + len(done))
+        some = batches.part(first % DRAW_EVERY, first % DRAW_EVERY + len(done))
         cost, pulled_now = loss.descend(networks, optimiser, some, np.outer(rates, shares), held)
         pulled |= pulled_now
         if last % DRAW_EVERY == 0 or last == steps:

@@ -20,13 +20,13 @@ from ..frames import Frame
 from ..network import kernel
 from ..network.siren import Networks
 from ..network.soap import Soap
-from ..network.steps import APART, SHARDS, Batches, Output, Plan, not_waited_for, take_steps
-from .active_set import ActiveSet, Draws, deciding_value
+from ..network.steps import APART, SHARDS, Batches, Output, StepPlan, not_waited_for, take_steps
+from .active_set import ActiveSet, deciding_value
 from .clear_space import ClearSpace
 from .counterexamples import CounterexampleSearch
 from .sample_store import NO_FIELD, SampleStore
 from .samples import CLEARANCE, Samples
-from .values import field_sides, field_values
+from .values import field_distances, field_values
 
 # Evidence for these constants: ADR 018.
 ARTIFACT_DISTANCE = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
@@ -78,15 +78,15 @@ class JointLoss:
         slits = (least < 0) & inside & (distance > CLEARANCE)
         return int((floaters | slits).sum()) + self.search.artifacts(networks)
 
-    def gradient(self, networks: Networks, draws: Draws) -> tuple[torch.Tensor, float]:
+    def gradient(self, networks: Networks, batches: Batches) -> tuple[torch.Tensor, float]:
         """Return the gradient in theta, (K, P), of the loss of the first step, and the loss. It is the mean cost of the
         batch's surface samples plus that of the space samples that the batch stands for."""
         none = np.zeros((0, len(networks)))
-        out = self._run(networks, Soap(networks), draws.part(0, 1), none, None)
+        out = self._run(networks, Soap(networks), batches.part(0, 1), none, None)
         return torch.from_numpy(out.gradients[0]), float(out.losses[0].sum())
 
     def descend(
-        self, networks: Networks, optimiser: Soap, draws: Draws, rates: F64, held: torch.Tensor | None = None
+        self, networks: Networks, optimiser: Soap, batches: Batches, rates: F64, held: torch.Tensor | None = None
     ) -> tuple[float, Mask]:
         """Take a step on each of S batches, in place, at learning rates (S, K). The first only starts the optimiser.
 
@@ -94,31 +94,27 @@ class JointLoss:
         a gradient, (K,).
         """
         if not optimiser.started:
-            gradient, loss = self.gradient(networks, draws)
+            gradient, loss = self.gradient(networks, batches)
             pulled = gradient.any(dim=1).numpy()
             optimiser.start(gradient if held is None else gradient.masked_fill(held, 0))
-            if len(draws) == 1:
+            if len(batches.surface) == 1:
                 return loss, pulled
-            loss, others = self.descend(networks, optimiser, draws.part(1, len(draws)), rates[1:], held)
+            loss, others = self.descend(networks, optimiser, batches.part(1, len(batches.surface)), rates[1:], held)
             return loss, pulled | others
-        out = self._run(networks, optimiser, draws, rates, held)
+        out = self._run(networks, optimiser, batches, rates, held)
         return float(out.losses[-1].sum()), out.pulled
 
-    def _run(self, networks: Networks, optimiser: Soap, draws: Draws, rates: F64, held: torch.Tensor | None) -> Output:
+    def _run(
+        self, networks: Networks, optimiser: Soap, batches: Batches, rates: F64, held: torch.Tensor | None
+    ) -> Output:
         """Take the steps in all threads. Without rates the weights stay as they are."""
         theta: F32 = networks.theta.detach().numpy()
-        loss = kernel.Loss(
+        loss = kernel.LossData(
             networks.kernel_shapes(), self.store.boxes.numpy(), self.active.on_surface, self.active.in_space
         )
-        batches = Batches(
-            draws.surface,
-            draws.space,
-            np.float32(1 / max(draws.surface.shape[1], 1)),
-            np.float32(1 / max(draws.of, 1)),
-        )
-        plan = Plan(*optimiser.plan(rates), np.zeros(theta.shape, np.bool_) if held is None else held.numpy())
+        plan = StepPlan(*optimiser.plan(rates), np.zeros(theta.shape, np.bool_) if held is None else held.numpy())
         gradients = np.empty((SHARDS, *theta.shape), np.float32)
-        out = Output(gradients, np.empty((len(draws), SHARDS)), np.zeros(len(networks), np.bool_))
+        out = Output(gradients, np.empty((len(batches.surface), SHARDS)), np.zeros(len(networks), np.bool_))
         threads = min(self._threads.threads, SHARDS)
         counters = np.zeros(threads * APART, np.int64)
 
@@ -136,7 +132,7 @@ class JointLoss:
         values, far_decides, uvs = [], [], []
         for k in range(len(networks)):
             x = torch.cat([store.surface[k][surface], store.space[k][space]])
-            uv, above, below = field_sides(networks, k, x, store.boxes[k])
+            uv, above, below = field_distances(networks, k, x, store.boxes[k])
             values.append(torch.minimum(above, below))
             far_decides.append(above < below)
             uvs.append(uv)

@@ -26,7 +26,7 @@ CLEARANCE = 0.02  # least distance from the surface of a counterexample
 OTHER_SIDE = 0.1  # greatest distance at which the nearest point of the other side counts
 
 
-class Sides:
+class OppositeSamples:
     """Space samples on the two sides of the exact height fields' surface.
 
     Where the fields fill what no axis sees, that surface is far from every face. The distance from it is then about
@@ -70,7 +70,7 @@ class Samples:
     space: F32
     excluded: Mask
     distance: F32
-    sides: Sides
+    sides: OppositeSamples
     box: F32
 
     def in_random_order(self, rng: np.random.Generator) -> Samples:
@@ -104,7 +104,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     space = np.concatenate([around, _at_shell(uniform, box, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
     excluded = excluded_points(solid, frames, space)
-    sides = Sides(space, excluded)
+    sides = OppositeSamples(space, excluded)
     return Samples(
         surface=points[keep].astype(np.float32),
         seen=seen[keep],

@@ -12,7 +12,7 @@ from ..network.siren import Networks, heights
 POINTS_PER_CALL = 2**15  # that a thread evaluates at a time
 
 
-class Sides(NamedTuple):
+class FieldDistances(NamedTuple):
     """How far points are from the two heights of a field.
 
     uv: (N, 2) where the network is evaluated. above: far - z, (N,). below: z - near, (N,). The lesser of the two is the
@@ -24,11 +24,11 @@ class Sides(NamedTuple):
     below: torch.Tensor
 
 
-def field_sides(networks: Networks, k: int, points: torch.Tensor, box: torch.Tensor) -> Sides:
+def field_distances(networks: Networks, k: int, points: torch.Tensor, box: torch.Tensor) -> FieldDistances:
     """Evaluate field k at points (N, 3) in its frame. box: (3, 2) its domain box."""
     uv = torch.minimum(torch.maximum(points[:, :2], box[:2, 0]), box[:2, 1])
     y = heights(networks, k, uv)
-    return Sides(uv, y[:, 1] - points[:, 2], points[:, 2] - y[:, 0])
+    return FieldDistances(uv, y[:, 1] - points[:, 2], points[:, 2] - y[:, 0])
 
 
 def field_values(networks: Networks, points: torch.Tensor, boxes: torch.Tensor, pool: ThreadPool) -> torch.Tensor:
@@ -37,7 +37,7 @@ def field_values(networks: Networks, points: torch.Tensor, boxes: torch.Tensor, 
     def part(at: int) -> torch.Tensor:
         values = []
         for k in range(len(networks)):
-            sides = field_sides(networks, k, points[k, at : at + POINTS_PER_CALL], boxes[k])
+            sides = field_distances(networks, k, points[k, at : at + POINTS_PER_CALL], boxes[k])
             values.append(torch.minimum(sides.above, sides.below))
         return torch.stack(values, dim=1)
 

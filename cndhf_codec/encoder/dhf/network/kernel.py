@@ -69,7 +69,7 @@ class SpaceSamples(NamedTuple):
     weight: F32
 
 
-class Loss(NamedTuple):
+class LossData(NamedTuple):
     """The data of the joint loss. boxes: (K, 3, 2) domain boxes."""
 
     shapes: Shapes
@@ -139,7 +139,7 @@ def _filled(x: F32, m: int) -> int:
 
 
 @inlined
-def values(net: Net, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
+def evaluate(net: Net, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
     """Set y[:, :n] to the heights at the first n columns of x; both are (2, BLOCK_POINTS).
 
     Overwrites a and b, (width, BLOCK_POINTS). n is a multiple of LANES, here and below.
@@ -215,7 +215,7 @@ def heights(net: Net, uv: F32) -> F32:
         n = min(BLOCK_POINTS, len(uv) - at)
         for t in range(n):
             x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
-        values(net, x, _filled(x, n), a, b, y)
+        evaluate(net, x, _filled(x, n), a, b, y)
         for t in range(n):
             out[at + t, 0], out[at + t, 1] = y[0, t], y[1, t]
     return out
@@ -285,7 +285,7 @@ def _place(point: F32, box: F32, x: F32, m: int) -> None:
 
 
 @inlined
-def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
+def joint_gradient(theta: F32, loss: LossData, batch: Batch, grad: F32) -> float:
     """Return the joint loss of a batch, and set grad, (K, P), to its gradient in theta.
 
     Pass one evaluates all active fields and keeps nothing. Pass two evaluates again the field that answers for a
@@ -320,7 +320,7 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
                     continue
                 w = shapes.widths[k]
                 net = Net(theta[k, : shapes.counts[k]], w, shapes.layers, shapes.omegas[k])
-                values(net, x, _filled(x, m), a[:w], b[:w], y)
+                evaluate(net, x, _filled(x, m), a[:w], b[:w], y)
                 for c in range(m):
                     t = column[c]
                     z = points[k, rows[t], 2]

@@ -17,7 +17,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from ....arrays import F32, F64, I64, Mask
-from .kernel import Batch, Loss, compiled, inlined, joint_gradient
+from .kernel import Batch, LossData, compiled, inlined, joint_gradient
 from .soap import State, soap_update
 
 # Evidence for these constants: ADR 021.
@@ -38,8 +38,12 @@ class Batches(NamedTuple):
     surface_scale: np.float32
     space_scale: np.float32
 
+    def part(self, first: int, last: int) -> Batches:
+        """Steps from `first` to `last` - 1."""
+        return self._replace(surface=self.surface[first:last], space=self.space[first:last])
 
-class Plan(NamedTuple):
+
+class StepPlan(NamedTuple):
     """How weights change in S steps. scales: (S, K) and refreshes: (S,), from `Soap.plan`. held: (K, P) weights that
     stay as they are."""
 
@@ -73,7 +77,7 @@ def _counter(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> A
 
 
 @intrinsic
-def _seen(typing: Any, counters: Any, place: Any) -> Any:
+def _read_counter(typing: Any, counters: Any, place: Any) -> Any:
     """Read a counter. Everything that its thread wrote before setting it can be read after this."""
 
     def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
@@ -83,7 +87,7 @@ def _seen(typing: Any, counters: Any, place: Any) -> Any:
 
 
 @intrinsic
-def _show(typing: Any, counters: Any, place: Any, value: Any) -> Any:
+def _set_counter(typing: Any, counters: Any, place: Any, value: Any) -> Any:
     """Set a counter, after making everything written before readable."""
 
     def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
@@ -107,10 +111,10 @@ def _give_way(typing: Any) -> Any:
 @inlined
 def _meet(counters: Counters, me: int, threads: int, meeting: int) -> None:
     """Wait until all threads have reached this meeting."""
-    _show(counters, me * APART, meeting)
+    _set_counter(counters, me * APART, meeting)
     for other in range(threads):
         looks = 0
-        while _seen(counters, other * APART) < meeting:
+        while _read_counter(counters, other * APART) < meeting:
             looks += 1
             if looks > PATIENCE:
                 _give_way()
@@ -118,7 +122,14 @@ def _meet(counters: Counters, me: int, threads: int, meeting: int) -> None:
 
 @compiled
 def take_steps(
-    me: int, counters: Counters, theta: F32, loss: Loss, batches: Batches, optimiser: State, plan: Plan, out: Output
+    me: int,
+    counters: Counters,
+    theta: F32,
+    loss: LossData,
+    batches: Batches,
+    optimiser: State,
+    plan: StepPlan,
+    out: Output,
 ) -> None:
     """Do the share of thread `me` of some steps. All threads call this at once, with the same arrays.
 
