@@ -1,4 +1,4 @@
-"""Reading and writing files: whole or not at all, with errors that name the file."""
+"""Read and write files: whole or not at all, with errors that name the file."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ except ImportError:  # Windows
     fcntl = None
 
 
-STREAM = Path("-")  # as an argument of a command: the standard input or output
+STREAM = Path("-")  # an argument of a command that stands for the standard input or output
 PIECE = 2**20
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
-    """The first `limit` bytes of a file. Raises InputError."""
+    """Read at most the first `limit` bytes of a file. Raises InputError."""
     out = bytearray()
     try:
         with open(path, "rb") as file:
-            # In pieces: one call would take memory of `limit` for the smallest of files.
+            # In pieces: one call would take `limit` bytes of memory for the smallest of files.
             while piece := file.read(min(PIECE, limit - len(out))):
                 out += piece
         return bytes(out)
@@ -36,8 +36,8 @@ def read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
 
 
 def check_output(path: str | os.PathLike[str], overwrite: bool, inputs: Sequence[Path] = ()) -> None:
-    """Raise OutputError, before any work is done, when `path` could not be written at the end, or is one of the inputs,
-    which are never replaced."""
+    """Raise OutputError when `path` could not be written, or is one of the inputs, which are never replaced. For use
+    before any work is done."""
     target = Path(path)
     try:
         folder = target.absolute().parent
@@ -75,7 +75,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes, overwrite: bool)
     temporary = folder / f".{os.urandom(8).hex()}.cndhf.tmp"
     try:
         with open(temporary, "xb") as file:
-            with suppress(OSError):  # a file system without locks: then nobody can take this for a leftover either
+            with suppress(OSError):  # a file system without locks, where no run can take this for a leftover
                 _lock(file.fileno())
             file.write(data)
             file.flush()
@@ -98,7 +98,7 @@ def _lock(file: int) -> None:
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files of runs that were killed: those that no living process has locked."""
+    """Remove temporary files of killed runs: those that no living process has locked."""
     if fcntl is None:
         return
     with suppress(OSError):  # a folder that may be written but not listed; a file that is in use, or another's
@@ -108,7 +108,7 @@ def _remove_leftovers(folder: Path) -> None:
                 try:
                     _lock(file)
                     status = os.fstat(file)
-                    # An empty one may belong to a process that is just about to lock it.
+                    # An empty file may belong to a process that is about to lock it.
                     if status.st_size or time.time() - status.st_mtime > 60:
                         leftover.unlink()
                 finally:

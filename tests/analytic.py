@@ -1,4 +1,4 @@
-"""Hand-made models whose solid is known in closed form."""
+"""Hand-made models whose solids are known in closed form."""
 
 from __future__ import annotations
 

@@ -46,5 +46,5 @@ def corpus() -> Path:
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The `fast` preset becomes a second's work. Its models are rough: for tests that look at anything else."""
+    """Make the `fast` preset take about a second. Its models are rough: for tests that do not look at their quality."""
     make_tiny(monkeypatch)

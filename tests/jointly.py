@@ -35,16 +35,16 @@ def of_widths(*widths: int) -> Networks:
 
 
 def used(nets: Networks) -> np.ndarray:
-    """(K, P): what of theta is weights."""
+    """(K, P): which numbers of theta are weights, not padding."""
     return np.arange(nets.theta.shape[1]) < np.array(nets.counts)[:, None]
 
 
 def quiet(step: int, loss: float) -> None:
-    """No progress."""
+    """Report no progress."""
 
 
 class Looks(Deadline):
-    """A deadline after so many looks at it, in place of seconds."""
+    """A deadline after a number of checks, in place of seconds."""
 
     def __init__(self, looks: int) -> None:
         super().__init__()

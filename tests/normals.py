@@ -1,4 +1,4 @@
-"""Vertex normals as a mesh file has them: trimesh computes its own when it loads one."""
+"""Read vertex normals as a mesh file has them: trimesh computes its own when it loads one."""
 
 from __future__ import annotations
 

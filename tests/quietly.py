@@ -1,4 +1,4 @@
-"""Encodes whose warnings a test does not look at."""
+"""Encode without warnings, for tests that do not look at them."""
 
 from __future__ import annotations
 

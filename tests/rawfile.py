@@ -1,4 +1,4 @@
-"""Raw `.cndhf` bytes from parts, with every number written out: independent of the package's own writer."""
+"""Build raw `.cndhf` bytes from parts, with every number written out: independent of the package's own writer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mesh and ways to write it, for tests of readers and of the encoder."""
+"""A mesh, and ways to write it, for tests of readers and of the encoder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def write_obj(mesh: trimesh.Trimesh, path) -> None:
 
 
 def shuffled(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The mesh with faces and vertices in another order, corners turned on, and some vertices twice."""
+    """The mesh with faces and vertices in another order, corners rotated, and some vertices twice."""
     rng = np.random.default_rng(1)
     soup = mesh.triangles[rng.permutation(len(mesh.faces))]
     soup = np.stack([np.roll(t, k, axis=0) for t, k in zip(soup, rng.integers(3, size=len(soup)), strict=True)])
@@ -29,7 +29,7 @@ def shuffled(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 
 def write_every_format(mesh: trimesh.Trimesh, folder) -> list:
-    """Paths of the mesh in every format, the vertices and faces of some in another order."""
+    """Write the mesh in every format, some with vertices and faces in another order; return the paths."""
     for extension in ("ply", "glb", "stl", "off"):
         mesh.export(folder / f"a.{extension}")
     write_obj(mesh, folder / "a.obj")

@@ -1,4 +1,4 @@
-"""The `fast` preset as a second's work."""
+"""The `fast` preset, made to take about a second."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hypothesis strategies over containers: valid ones, and files that are damaged below their checksum."""
+"""Hypothesis strategies over containers: valid ones, and damaged files whose checksum fits."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def damaged(draw) -> bytes:
 
 @st.composite
 def rearranged(draw) -> bytes:
-    """A file whose sections are dropped, repeated, exchanged with those of another, or of another kind or codec."""
+    """A file whose sections are dropped, repeated, exchanged with another file's, or of another kind or codec."""
     sections = []
     for _ in range(2):
         data = dumps(draw(containers))

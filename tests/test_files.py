@@ -120,7 +120,7 @@ def test_a_folder_that_may_not_be_written_to_is_told_before_any_work(tmp_path, m
 
 @pytest.fixture
 def killed(tmp_path):
-    """A folder with an old file `a`, and what a process leaves that is killed while it writes a new one."""
+    """A folder with an old file `a`, and what a process leaves there when it is killed while writing a new one."""
     (tmp_path / "a").write_bytes(b"old")
     code = "import os, sys; from cndhf_codec import files; files.os.fsync = lambda _: os.kill(os.getpid(), 9)"
     code += "; files.write_atomically(sys.argv[1], b'new', True)"

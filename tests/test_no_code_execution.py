@@ -1,4 +1,4 @@
-"""The package runs nothing that a file says and talks to nobody: no pickle, no eval, no network, no shell."""
+"""The package runs no code from files, and opens no connections: no pickle, no eval, no network, no shell."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEYWORDS = {"allow_pickle", "shell", "allow_remote"}
 
 
 def violations(source: str) -> list[str]:
-    """What a module's source does of the above."""
+    """List the forbidden things that a module's source does."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

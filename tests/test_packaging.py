@@ -1,4 +1,4 @@
-"""pyproject.toml and what lies beside it."""
+"""pyproject.toml and the files beside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the package is put together: who may import whom, how many arguments, which decisions are cited."""
+"""Rules of the code: who may import whom, how many arguments a function takes, which decisions are cited."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MANY_ARGUMENTS = {
 
 
 def imports_of(name: str) -> set[str]:
-    """Modules that a module imports anywhere, but for type checkers only. Names of other packages: the first part."""
+    """Modules that a module imports anywhere, except for type checkers only. Of other packages: the top-level name."""
     path, found = MODULES[name], set()
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     tree = ast.parse(path.read_text("utf-8"))

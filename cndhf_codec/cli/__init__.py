@@ -1,4 +1,4 @@
-"""The console scripts. One module a command; this one turns every failure into one line and an exit code.
+"""The console scripts. One module per command; this one turns every failure into one line and an exit code.
 
 Exit codes: 0 done, 1 failed (the line says why) or refused by --check, 2 wrong arguments, 130 interrupted.
 """
@@ -16,36 +16,36 @@ from ..errors import CndhfError, CndhfWarning, OptionError, require
 
 
 def encode() -> None:
-    """`cndhf-encode`"""
+    """Run `cndhf-encode`."""
     sys.exit(_run("encode"))
 
 
 def decode() -> None:
-    """`cndhf-decode`"""
+    """Run `cndhf-decode`."""
     sys.exit(_run("decode"))
 
 
 def info() -> None:
-    """`cndhf-info`"""
+    """Run `cndhf-info`."""
     sys.exit(_run("info"))
 
 
 def compare() -> None:
-    """`cndhf-compare`"""
+    """Run `cndhf-compare`."""
     sys.exit(_run("compare"))
 
 
 def _run(name: str) -> int:
     program = f"cndhf-{name}"
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A file name that the terminal's encoding cannot say is no reason to fail when all is done.
+        # Do not fail at the end because the terminal's encoding lacks a character of a file name.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         extra = {"encode": "encode", "decode": "mesh", "info": "cli", "compare": "compare"}[name]
         click = require("click", extra)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)
-    # The first import of a submodule binds it to its name here, which is the console script's: put that back.
+    # The first import of a submodule binds it to its name in this package, over the console script: put that back.
     script = globals()[name]
     command = importlib.import_module(f".{name}", __name__).command
     globals()[name] = script
@@ -60,7 +60,7 @@ def _run(name: str) -> int:
         return _fail(program, f"{exc} (see {program} --help)", 2)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)
-    except OSError as exc:  # of the summary's output: files have errors of their own
+    except OSError as exc:  # from printing the summary: files have errors of their own
         return _fail(program, exc.strerror or str(exc), 1)
     except (KeyboardInterrupt, click.Abort):
         return _fail(program, "interrupted; nothing was written", 130)
@@ -69,7 +69,7 @@ def _run(name: str) -> int:
 
 
 def _show_warning(program: str, message: Warning | str, category: type[Warning], *place: Any, **_: Any) -> None:
-    """A line for what this package has to say, and Python's own words for the rest."""
+    """Print this package's warnings as one line, and all others as Python does."""
     if issubclass(category, CndhfWarning):
         text = f"{program}: warning: {' '.join(str(message).split())}\n"
     else:

@@ -37,7 +37,7 @@ def command(
 
     if html is not None:
         check_output(html, overwrite, [a, b])
-        require("matplotlib", "report")  # a comparison takes its time: say first what is missing
+        require("matplotlib", "report")  # a comparison takes long: first say what is missing
     result = compare(read_shape(a, resolution), read_shape(b, resolution))
     for path, shape in ((a, result.a), (b, result.b)):
         for note in shape.notes:

@@ -1,15 +1,14 @@
-"""`cndhf-decode`: .cndhf file -> mesh file or occupancy grid."""
+"""`cndhf-decode`: decode a .cndhf file to a mesh file or an occupancy grid."""
 
 from __future__ import annotations
 
 import sys
-import warnings
 from pathlib import Path
 from typing import Literal
 
 import click
 
-from ..errors import OptionError
+from ..errors import InputError, OptionError
 from ..files import STREAM, check_output
 
 COARSEST = 8  # the least resolution
@@ -96,14 +95,14 @@ def command(
         check_output(occupancy, overwrite, [source])
         if occupancy.absolute() in [path.absolute() for path in levels]:
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
+    if source == STREAM and sys.stdin is None:
+        raise InputError("the standard input is closed; name a file")
+    if to_stream and (sys.stdout is None or sys.stdout.isatty()):
+        raise OptionError("OUTPUT is - and the standard output is closed or a terminal: send it to a file or a program")
     model = load_stream(sys.stdin.buffer, "standard input") if source == STREAM else load(source)
-    # All are made before one is written: an interrupt leaves nothing.
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
-        grid = None if occupancy is None else model.occupancy(cells)
-    for warning in caught:
-        click.echo(f"cndhf-decode: warning: {source}: {warning.message}", err=True)
+    # Make all before writing any: an interrupt leaves nothing.
+    meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
+    grid = None if occupancy is None else model.occupancy(cells)
     for path, mesh in meshes.items():
         if format_ is not None:
             data, note = mesh_bytes(mesh, format_, normals)
@@ -119,12 +118,12 @@ def command(
         write_grid(occupancy, *grid, overwrite)
         if not quiet:
             shape = " x ".join(str(n) for n in grid[0].shape)
-            # Beside a mesh on the standard output there is no place for words.
+            # Where the standard output holds a mesh, the summary goes to standard error.
             click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
 
 
 def _levels(target: Path, resolution: int, n: int) -> dict[Path, int | None]:
-    """Paths and resolutions of levels of detail: each has a quarter of the triangles of the one before."""
+    """Paths and resolutions of levels of detail. Each has about a quarter of the triangles of the one before."""
     if n < 1 or resolution >> (n - 1) < COARSEST:
         raise OptionError(
             f"--lod is {n}: 1 or more, and the last level's resolution, {resolution} halved {max(n - 1, 0)} times, "

@@ -1,4 +1,4 @@
-"""`cndhf-encode`: mesh file -> .cndhf file, or what would become of the mesh."""
+"""`cndhf-encode`: encode a mesh file to a .cndhf file, or check what would become of the mesh."""
 
 from __future__ import annotations
 
@@ -111,8 +111,8 @@ def command(
     from ..encoder.progress import Bar
 
     to_stream = target == STREAM
-    if to_stream and sys.stdout.isatty():
-        raise OptionError("OUTPUT is - and the standard output a terminal: send it to a file or a program")
+    if to_stream and (sys.stdout is None or sys.stdout.isatty()):
+        raise OptionError("OUTPUT is - and the standard output is closed or a terminal: send it to a file or a program")
     if not to_stream:
         check_output(target, overwrite, [Path("/dev/stdin") if source == STREAM else source])
     bar = Bar(quiet)
@@ -145,7 +145,7 @@ def command(
 
 
 def _check(source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: str | None, seed: int) -> int:
-    """Prints the report; the exit code is 1 where the mesh would be refused."""
+    """Print the check and return the exit code, 1 where the mesh would be refused."""
     from ..encoder.check import check
 
     found = check(source, thicken=thicken, unit=unit, seed=seed)
@@ -168,7 +168,7 @@ def _checked(c: Check) -> str:
         lines.append(f"edges that pierce other faces: {percent(c.self_intersections)}")
     if c.parts is not None and c.minor_parts is not None and c.volume is not None:
         tiny = f" and {c.minor_parts} tiny ones" if c.minor_parts else ""
-        if c.boundary_edges:  # cracks may go between any of its faces
+        if c.boundary_edges:  # faces may have cracks between them
             lines.append(f"volume: about {c.volume:.3g}; parts are not counted, for the surface is open")
         else:
             lines.append(f"parts that do not touch: {c.parts}{tiny}; volume: {c.volume:.7g}")

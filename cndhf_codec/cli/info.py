@@ -1,4 +1,4 @@
-"""`cndhf-info`: what a .cndhf file holds."""
+"""`cndhf-info`: print what a .cndhf file holds."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _table(source: Path, info: dict[str, Any]) -> str:
 
 
 def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """The first column to the left, the others to the right, two spaces apart."""
+    """Align the first column left and the others right, two spaces apart."""
     widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
     return [
         "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
@@ -70,5 +70,5 @@ def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    """Text from a file, which may come from anyone, without what would move a terminal's cursor."""
+    """Replace what would move a terminal's cursor: the text of a file may come from anyone."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)

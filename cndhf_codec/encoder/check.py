@@ -1,4 +1,4 @@
-"""What a mesh is like and what would become of it, without encoding it."""
+"""Check a mesh: what it is like and what would become of it, without encoding it."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ class Check:
     self_intersections : float
         Share of the edges (at most 200,000 sampled ones) that pierce another face.
     parts, minor_parts : int or None
-        Bodies of the solid that do not touch each other; those shorter than a hundredth of the largest apart.
+        Parts of the solid, where those that touch count as one; minor ones are shorter than 1/100 of the largest.
     volume : float or None
-        Of the solid: exact for a closed surface that does not go through itself, else from 30,000 points.
+        Of the solid: exact for a closed surface that does not pierce itself, else from 30,000 points.
     hidden : float or None
         Share of the surface that no axis sees, which will be filled.
     axes : int or None
-        How many axes the next two are said for: those of preset `default`.
+        Number of axes that the next two assume: that of preset `default`.
     filled, error_lower_bound : float or None
-        Volume that exact height fields along the best axes would add, and the mean error that they would leave by it.
+        Volume that the exact height fields along the best axes would fill, and the mean error that this would cause.
     assumptions : list of str
-        A line for each thing that would be taken for granted.
+        A line for each thing that would be assumed.
     refusal : str or None
-        Why it would not be encoded; then what is said of the solid is None.
+        Why it would not be encoded; then what describes the solid is None.
     """
 
     name: str
@@ -134,7 +134,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         if costs.visible > 0:
             axes = DEFAULT.max_axes
             chosen = costs.best(axes)
-            # One of the two directions of the mean error sees what is filled.
+            # Only one of the two directed distances in the mean error sees what is filled.
             bound = costs.depth(chosen) / 2 * scale
             filled = filled_volume(solid, costs.axes[chosen]) * scale**3
         else:
@@ -166,6 +166,6 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
 
 
 def _boundary(faces: I64, edges: Edges) -> I64:
-    """(B, 2) the vertices of the edges of one face."""
+    """Find the vertices (B, 2) of the edges that have one face."""
     side, face = np.nonzero(edges.count[edges.of] == 1)
     return np.stack([faces[face, side], faces[face, (side + 1) % 3]], axis=1)

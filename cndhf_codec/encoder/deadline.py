@@ -1,4 +1,4 @@
-"""Time limits: what a stage may use, as the share of it that has passed."""
+"""Time limits of stages, as the share of the time that has passed."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import time
 
 
 class Deadline:
-    """So many seconds from now; infinitely many by default."""
+    """A time limit of some seconds from now, by default infinitely many."""
 
     def __init__(self, seconds: float = math.inf) -> None:
         self._seconds = max(seconds, 1e-3)
         self._start = time.monotonic()
 
     def passed(self) -> float:
-        """Share of the time that has passed, 1 and more when it is over; 0 without a limit."""
+        """Share of the time that has passed: 1 or more when it is over, 0 without a limit."""
         return (time.monotonic() - self._start) / self._seconds
 
     def part(self, share: float) -> Deadline:

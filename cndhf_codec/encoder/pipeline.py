@@ -1,7 +1,8 @@
-"""The encoder from end to end: mesh -> solid -> the preset's method -> verified bytes."""
+"""Encode from end to end: mesh -> solid -> the preset's method -> verified bytes."""
 
 from __future__ import annotations
 
+import math
 import os
 import time
 import warnings
@@ -68,7 +69,7 @@ def encode(
         The most mean error: a number in input units, "0.2%" of the bounding box's diagonal, or "0.5mm" where `unit` is
         given. Makes the smallest file found that keeps to it, by several encodes.
     unit : {"mm", "cm", "m", "in"}, optional
-        What the input's unit is, for `target_error` and `thicken`.
+        The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
         Thickness of a wall that open sheets get, which have no inside otherwise; a length as in `target_error`.
     time_limit : float, optional
@@ -119,17 +120,19 @@ def encode(
     if limit is not None and (target_size is not None or width is not None or not isinstance(settings, DhfSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
-    deadline = Deadline() if time_limit is None else Deadline(positive(time_limit, "time limit", "seconds"))
+    seconds = math.inf if time_limit is None else positive(time_limit, "time limit", "seconds")
     threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
-    # Named before any work is done: a library that is missing, and a name that cannot be stored.
+    # Fail before any work is done where a library is missing or a name cannot be stored.
     for library in ("torch", "numba", "embreex", "igl", "trimesh", "threadpoolctl"):
         require(library, "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
     # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
     metadata = Metadata(f"cndhf-codec {__version__}", 0.0, 0.0, 0.0, named)
     pack_metadata(metadata)
+    encoders = _Encoders()
 
+    deadline = Deadline(seconds)
     report = Report()
     clock = _Clock(report, progress)
     clock("read", 1)
@@ -138,7 +141,7 @@ def encode(
     report.faces, report.dropped_faces = len(prepared.given.faces), prepared.given.dropped
     report.flipped, report.assumptions, report.diagonal = prepared.flipped, prepared.assumptions, prepared.diagonal
     report.bodies = bodies_of_solid(solid, seed).scaled(prepared.norm.scale)
-    run = _Run(prepared, metadata, seed, threads, report, clock)
+    run = _Run(prepared, metadata, seed, threads, report, clock, encoders)
 
     if limit is None or not isinstance(settings, DhfSettings):
         model = run.attempt(settings, deadline)
@@ -159,41 +162,57 @@ def check_seed(seed: object) -> int:
     return whole_in(seed, "seed", 0, LARGEST_SEED)
 
 
-class _Run:
-    """One solid, encoded once or several times."""
+class _Encoders:
+    """The encoders, imported when the first is made: torch and numba take seconds to load, before the clock runs."""
 
-    def __init__(
-        self, prepared: Prepared, metadata: Metadata, seed: int, threads: int, report: Report, clock: _Clock
-    ) -> None:
-        self._prepared, self._metadata = prepared, metadata
-        self._seed, self._threads = seed, threads
-        self._report, self._clock = report, clock
-
-    def attempt(self, settings: Settings, deadline: Deadline) -> Model:
-        """Encode as the settings say; the model's report is of this attempt."""
+    def __init__(self) -> None:
         from threadpoolctl import threadpool_limits
 
         from .dhf.encode import encode_dhf
         from .paper.encode import encode_paper
 
+        self.threadpool_limits, self.dhf, self.paper = threadpool_limits, encode_dhf, encode_paper
+
+
+class _Run:
+    """One solid, encoded once or several times."""
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        metadata: Metadata,
+        seed: int,
+        threads: int,
+        report: Report,
+        clock: _Clock,
+        encoders: _Encoders,
+    ) -> None:
+        self._prepared, self._metadata = prepared, metadata
+        self._seed, self._threads = seed, threads
+        self._report, self._clock, self._encoders = report, clock, encoders
+
+    def attempt(self, settings: Settings, deadline: Deadline) -> Model:
+        """Encode with these settings. The model's report is that of this attempt."""
         prepared, seed, report = self._prepared, self._seed, self._report
         name, norm, solid = prepared.given.name, prepared.norm, prepared.solid
         fit_deadline = deadline.part(1 - VERIFY_SHARE)
-        # One BLAS thread: the fits bring their own threads, and no sum depends on how many there are.
-        with threadpool_limits(1, user_api="blas"):
+        # One BLAS thread: the fits bring their own threads, and no sum may depend on how many there are.
+        with self._encoders.threadpool_limits(1, user_api="blas"):
             if isinstance(settings, DhfSettings):
                 metadata_bytes = len(pack_metadata(self._metadata)) + TABLE_ENTRY_SIZE
                 codec = CODEC_RANS
-                made = encode_dhf(solid, settings, metadata_bytes, seed, self._threads, self._clock, fit_deadline)
+                made = self._encoders.dhf(
+                    solid, settings, metadata_bytes, seed, self._threads, self._clock, fit_deadline
+                )
             else:
                 codec = CODEC_ZSTD
-                made = encode_paper(solid, settings, seed, self._threads, self._clock, fit_deadline)
+                made = self._encoders.paper(solid, settings, seed, self._threads, self._clock, fit_deadline)
         if not made.records:
             raise MeshError(unseen(name))
 
         self._clock("verify", 1)
         container = Container(norm.centre, norm.scale, tuple(made.records), self._metadata, codec)
-        # What is measured is what a user would decode from the bytes on disk.
+        # Measure what a user would decode from the bytes on disk.
         try:
             surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
         except SurfaceError as exc:
@@ -224,7 +243,7 @@ class _Run:
 
 
 class _Clock:
-    """Announces the stages and times them; a stage ends where the next begins."""
+    """Announce the stages of an encode and time them. A stage ends where the next begins."""
 
     def __init__(self, report: Report, progress: Progress) -> None:
         self._report, self._progress = report, progress
@@ -245,5 +264,5 @@ class _Clock:
 
 
 def _significant(value: float) -> float:
-    """Four significant digits: an error that floats sum in another order still gives the same bytes."""
+    """Round to four significant digits, so that sums of floats in another order give the same bytes."""
     return float(f"{value:.3e}")

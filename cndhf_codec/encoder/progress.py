@@ -1,4 +1,4 @@
-"""What a running encode tells its caller."""
+"""Report the progress of a running encode."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..errors import require
 
 
 class Progress(Protocol):
-    """Called with the stage's name, the work done and to do in it, and the fit's loss (NaN in other stages).
+    """A function called with the stage's name, the work done and the total work in it, and the fit's loss (else NaN).
 
     It may be called from several threads, never from two at once.
     """
@@ -24,11 +24,11 @@ Stage = Callable[[str, int], OnStep]  # name and steps of a stage that starts ->
 
 
 def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:
-    """No progress report."""
+    """Report no progress."""
 
 
 class Bar:
-    """A progress bar on stderr, one line per stage: stage, share done, time left, loss. Nothing off a terminal."""
+    """A progress bar on stderr, one line per stage: name, share done, time left, loss. Silent off a terminal."""
 
     def __init__(self, quiet: bool = False) -> None:
         self._on = not quiet and sys.stderr.isatty()
@@ -38,7 +38,7 @@ class Bar:
     def __call__(self, stage: str, done: int, total: int, loss: float = math.nan) -> None:
         if not self._on:
             return
-        if stage != self._stage:
+        if stage != self._stage or (self._bar is None and done < total):  # a stage may be run again
             self.close()
             self._stage = stage
             form = "{desc:<9} {percentage:3.0f}%|{bar:30}| {elapsed}, {remaining} left{postfix}"

@@ -1,4 +1,4 @@
-"""What an encode did and had to assume."""
+"""The report of an encode: what it did and had to assume."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from ..mesh.distances import Distances
 from ..mesh.wording import counted, percent
 
 # Evidence for these constants: ADR 014; MOST_VOLUME_CHANGE: 003.
-POOR_ERROR = 0.025  # a larger mean error, of the diagonal, is that of a failed fit
-# A larger change of volume is worth a warning: that of a plate with sides off by a hundredth of its thickness.
+POOR_ERROR = 0.025  # of the diagonal; a larger mean error is that of a failed fit
+# A larger change of volume is worth a warning: it is that of a plate with sides off by a hundredth of its thickness.
 MOST_VOLUME_CHANGE = 0.02
 MOST_HIDDEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
 
@@ -26,9 +26,9 @@ class Report:
     flipped : float
         Share whose orientation was reversed.
     assumptions : list of str
-        A line for each thing that was taken for granted.
+        A line for each thing that was assumed.
     visible, covered : float
-        Shares that a field along some candidate axis, and that the chosen axes see.
+        Shares that any candidate axis sees, and that the chosen axes see.
     unknown : float
         Share of the rays that meet a face from behind, through a hole.
     distances, normalised : Distances or None
@@ -58,11 +58,12 @@ class Report:
 
     @property
     def warnings(self) -> list[str]:
-        """A line for each thing that a user should know of before trusting the result."""
+        """A line for each thing that a user should know before trusting the result."""
         return [*self.assumptions, *hidden_warning(self.visible), *self._poor(), *self._changed()]
 
     def _poor(self) -> list[str]:
-        # What is hidden comes back filled, which is told: say a quarter of the diagonal away, in one direction of two.
+        # What is hidden comes back filled, which has its own warning. It may be a quarter of the diagonal away, and
+        # counts in one of the two directions.
         allowed = POOR_ERROR + (1 - self.visible) / 8
         if self.distances is None or self.distances.mean <= allowed * self.diagonal:
             return []
@@ -70,11 +71,11 @@ class Report:
         return [f"the result is far from the input, {share:.1f} % of its diagonal on average; try another --seed"]
 
     def _changed(self) -> list[str]:
-        """What a person would count, and find changed."""
+        """Warn of changed numbers of parts and specks, and of a changed volume."""
         if self.bodies is None or self.decoded is None:
             return []
         given, made, out = self.bodies, self.decoded, []
-        # Of an open surface parts are but guessed: cracks may go between any of its faces.
+        # The parts of an open surface are guessed: any of its faces may have cracks between them.
         if made.parts != given.parts and given.closed:
             what = "some are lost or have grown together" if made.parts < given.parts else "some have come apart"
             out.append(
@@ -92,7 +93,7 @@ class Report:
 
 
 def hidden_warning(visible: float) -> list[str]:
-    """A line where more of the surface is hidden than can go without saying."""
+    """Warn where no axis sees more than MOST_HIDDEN of the surface."""
     if 1 - visible <= MOST_HIDDEN:
         return []
     return [

@@ -1,4 +1,4 @@
-"""What a preset means, and what a user may change of it."""
+"""Presets, and what a user may change in them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PRESETS: dict[str, Settings] = {"paper": PAPER, "fast": FAST, "default": DEFAULT
 def settings_for(
     preset: str, axes: int | None = None, width: int | None = None, target_size: int | str | None = None
 ) -> Settings:
-    """Settings of a preset, with the number of axes, and the width or the file's size, changed where given.
+    """Return a preset's settings, with the number of axes, and the width or the file's size, changed where given.
 
     Raises OptionError for an unknown preset, a value out of range, or a width and a size together.
     """

@@ -1,4 +1,4 @@
-"""A file as small as a given error allows."""
+"""Find the smallest file whose error is within a limit."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import TypeVar
 
 from ..errors import EncodeError
 
-FIRST_SIZE, SMALLEST_SIZE, LARGEST_SIZE = 4096, 600, 24_576  # bytes of the first file tried, and of those that may be
+FIRST_SIZE, SMALLEST_SIZE, LARGEST_SIZE = 4096, 600, 24_576  # bytes of the first, smallest and largest file tried
 TRIES = 6
-SLOPE = 0.8  # of log error against log bytes, before anything is known of the mesh
-CLOSE_ENOUGH = 1.05  # a file this much larger than one that fails is small enough
+SLOPE = 0.8  # log error falls so much per log bytes, before anything is known about the mesh
+CLOSE_ENOUGH = 1.05  # a file at most so many times as large as one that fails is small enough
 
 Result = TypeVar("Result")
 
 
 def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: float) -> Result:
-    """The result of the smallest size found whose error is within the limit.
+    """Find the smallest size whose error is within the limit, and return its result.
 
-    attempt: takes a size in bytes and how many attempts may still follow, gives a result and its error. Error falls
-    about as a power of the size: the next size is where that power, or the one that the last two tell, meets the limit.
-    Raises EncodeError when the largest size does not meet it.
+    attempt: takes a size in bytes and how many attempts may still follow; returns a result and its error. The error
+    falls about as a power of the size. The next size is where that power, or the one through the nearest sizes on both
+    sides of the limit, meets the limit. Raises EncodeError when the largest size does not meet it.
     """
     size, best = FIRST_SIZE, None
-    fails, meets = (0, math.inf), (0, 0.0)  # the largest size that fails and the smallest that meets, with their errors
+    fails, meets = (0, math.inf), (0, 0.0)  # largest size that fails, smallest that meets the limit; errors
     for k in range(TRIES):
         result, error = attempt(size, TRIES - 1 - k)
         if error <= limit:
@@ -54,6 +54,6 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], limit: fl
 
 
 def _at_limit(size: int, error: float, slope: float, limit: float, least: float) -> int:
-    """The size at which the error meets the limit, with a little to spare; at least `least` times this size."""
+    """Predict the size at which the error meets the limit, and a little more; at least `least` times this size."""
     factor = 1.02 * (error / limit) ** (1 / slope)
     return round(size * min(max(factor, least), 100.0))

@@ -12,14 +12,14 @@ Result = TypeVar("Result")
 
 
 class ThreadPool:
-    """`threads` threads, the caller's among them: waking only the others is worth a third of the time of short work."""
+    """`threads` threads, one of them the caller's: not to wake it saves a third of the time of short work."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
         self._others = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """The function's results, in the order of the items."""
+        """Call the function for all items; return its results in their order."""
         todo = list(items)
         if self._others is None:
             return [function(i) for i in todo]

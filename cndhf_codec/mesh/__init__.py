@@ -1,1 +1,1 @@
-"""Meshes in, and what encoders and reports share: solids, frames, samples, distances. No torch, no numba."""
+"""Read, prepare and measure meshes, for the encoder and the reports. Imports neither torch nor numba."""

@@ -1,4 +1,4 @@
-"""Parts and volume: what a person would count in the input and miss in the result."""
+"""Count the parts of a shape and measure its volume, to tell whether an encode has changed them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .sampling import draw_faces, points_in
 from .solid import Solid, signed_volumes
 
 # Evidence for these constants: ADR 003.
-MINOR_LENGTH = 0.01  # a part shorter than this share of the largest is counted apart: few would see it come or go
-TOUCH_POINTS = 50_000  # of the surface, at which the next part is looked for
-# Parts closer than this touch (normalised units): a sixteenth of a cell of the default resolution, which no fit of some
-# kilobytes keeps apart.
+MINOR_LENGTH = 0.01  # of the largest part's length; shorter parts are counted apart: few would see them come or go
+TOUCH_POINTS = 50_000  # points of the surface from which neighbouring parts are looked for
+# Parts closer than this touch (normalised units). It is a sixteenth of a cell of the default resolution: no fit of some
+# kilobytes keeps such parts apart.
 TOUCH = 5e-4
-EDGES = 200_000  # at most, that are looked at for whether they go through faces
+EDGES = 200_000  # most edges that are tested for piercing faces
 LEAST_DEPTH = 1e-6  # how far an edge must go through a face to count (normalised units; float32 rays)
-VOLUME_POINTS, EVERY = 30_000, 15  # every 15th is looked at first
+VOLUME_POINTS, FIRST_LOOK_EVERY = 30_000, 15  # points of the bounding box; every 15th is tried first
 
 Piercing = tuple[I64, Mask, I32]
 
@@ -28,9 +28,9 @@ Piercing = tuple[I64, Mask, I32]
 class Bodies:
     """Parts and volume of a shape.
 
-    parts: how many bodies that do not touch each other. minor: how many more, shorter than MINOR_LENGTH. volume: of
-    all, in cubed units of what was given. noise: how far it may be off, relative, three standard deviations. closed:
-    whether the surface is; if not, parts are guessed.
+    parts: number of parts; those that touch count as one. minor: number of further parts, shorter than MINOR_LENGTH
+    times the largest. volume: of all parts, in cubed units of the input. noise: relative error of the volume, three
+    standard deviations. closed: whether the surface is closed; if not, parts are guessed.
     """
 
     parts: int
@@ -44,7 +44,7 @@ class Bodies:
 
 
 def bodies_of_surface(vertices: F64, faces: I64) -> Bodies:
-    """Of a closed surface without self-intersections, such as a decoder makes. Cavities are no bodies."""
+    """Measure a closed surface without self-intersections, such as a decoder makes. Cavities are no parts."""
     label = face_components(faces, len(vertices))
     volumes = np.bincount(label, weights=signed_volumes(vertices, faces)).astype(np.float64)
     parts, minor = _counted(vertices, faces, label, volumes)
@@ -52,8 +52,8 @@ def bodies_of_surface(vertices: F64, faces: I64) -> Bodies:
 
 
 def bodies_of_solid(solid: Solid, seed: int, edges: Piercing | None = None) -> Bodies:
-    """Of a solid, whose parts may overlap, touch or be open. Normalised units. edges: what `piercing` gives, if it is
-    known."""
+    """Measure a solid, whose parts may overlap, touch or be open (normalised units). edges: the result of `piercing`,
+    if known."""
     label = face_components(solid.faces, len(solid.vertices))
     pairs, pierced, face = edges or piercing(solid, seed)
     single = label.max() == 0
@@ -71,19 +71,19 @@ def bodies_of_solid(solid: Solid, seed: int, edges: Piercing | None = None) -> B
 
 
 def _volume(solid: Solid, simple: bool) -> tuple[float, float]:
-    """The volume and its noise. simple: no part goes through another, or itself. Exact then, if the surface is closed;
-    else points are asked.
+    """Measure the volume and its noise: exactly for a closed, simple surface, else from sample points.
 
-    The signed volume of a closed surface is the integral of its winding number w. Inside is where w > 1/2, so that the
-    integral of w - [w > 1/2] is what the signed volume has too much: nothing but where parts overlap.
+    simple: no part pierces another, or itself. The signed volume of a closed surface is the integral of its winding
+    number w. The solid is where w > 1/2, so the signed volume is too large by the integral of w - [w > 1/2], which is
+    zero except where parts overlap.
     """
     points, box = _spread(solid)
     if not solid.closed:
         share = float((solid.winding_numbers(points) > 0.5).mean())
         return box * share, 3 * float(np.sqrt((1 - share) / max(share * len(points), 1)))
     signed = solid.signed_volume
-    # Parts within each other need not go through each other: a look at a few points tells.
-    if simple and not _surplus(solid, points[::EVERY]).any():
+    # A part may lie within another without piercing it. A few points show whether one does.
+    if simple and not _surplus(solid, points[::FIRST_LOOK_EVERY]).any():
         return signed, 0.0
     surplus = _surplus(solid, points)
     volume = signed - box * float(surplus.mean())
@@ -91,14 +91,16 @@ def _volume(solid: Solid, simple: bool) -> tuple[float, float]:
 
 
 def _surplus(solid: Solid, points: F64) -> F64:
-    """(N,) how often more than once the surface of a closed solid goes round points (N, 3)."""
+    """(N,) how often the signed volume counts points (N, 3) too much: the winding number, less 1 inside the solid."""
     winding = solid.winding_numbers(points)
     return np.rint(winding) - (winding > 0.5)
 
 
 def filled_volume(solid: Solid, axes: F64) -> float:
-    """What the intersection of the exact height fields along some axes (K, 3) holds beyond the solid: all that rays
-    both ways along each of them meet the surface from. Normalised units."""
+    """Measure the volume that the exact height fields along axes (K, 3) fill beyond the solid (normalised units).
+
+    A point is in their intersection when rays both ways along every axis meet the surface.
+    """
     points, box = _spread(solid)
     within = np.ones(len(points), dtype=bool)
     for direction in (*axes, *-axes):
@@ -109,8 +111,8 @@ def filled_volume(solid: Solid, axes: F64) -> float:
 
 
 def _spread(solid: Solid) -> tuple[F64, float]:
-    """(VOLUME_POINTS, 3) points of the solid's bounding box, and its volume. Roberts' sequence: they lie more evenly
-    than random points, and are as good as several times as many of them."""
+    """(VOLUME_POINTS, 3) points of the solid's bounding box, and the box's volume. Roberts' sequence is more even than
+    random points, and as good as several times as many of them."""
     corners = solid.vertices[solid.faces]
     lo, hi = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     steps = np.outer(np.arange(VOLUME_POINTS), 1.2207440846057596 ** -np.arange(1.0, 4))
@@ -118,15 +120,17 @@ def _spread(solid: Solid) -> tuple[F64, float]:
 
 
 def piercing(solid: Solid, seed: int) -> Piercing:
-    """(E, 2) edges, at most EDGES drawn at random; whether each goes through a face with which it shares no vertex;
-    and the face, (E,)."""
+    """Find edges that pierce a face with which they share no vertex.
+
+    Returns edges (E, 2), at most EDGES drawn at random; whether each pierces a face, (E,); and that face, (E,).
+    """
     pairs = np.concatenate([solid.faces[:, [k, (k + 1) % 3]] for k in range(3)])
     pairs = pairs[pairs[:, 0] < pairs[:, 1]]
     if len(pairs) > EDGES:
         pairs = pairs[np.random.default_rng(seed).choice(len(pairs), EDGES, replace=False)]
     a, b = solid.vertices[pairs[:, 0]], solid.vertices[pairs[:, 1]]
     pierced, face = np.zeros(len(pairs), dtype=bool), np.full(len(pairs), -1, dtype=np.int32)
-    for start, end in ((a, b), (b, a)):  # from either end: the first face that is hit may be a neighbour
+    for start, end in ((a, b), (b, a)):  # from either end: the first face hit may be a neighbour
         hit = solid.first_hits(start + 1e-4 * (end - start), end - start)
         through = _through(solid, start, end, pairs, hit)
         face[through & ~pierced] = hit[through & ~pierced]
@@ -135,7 +139,7 @@ def piercing(solid: Solid, seed: int) -> Piercing:
 
 
 def _through(solid: Solid, start: F64, end: F64, pairs: I64, face: I32) -> Mask:
-    """Whether segments truly pass through the faces that rays along them hit, in float64."""
+    """Check in float64 whether segments pass through the faces that float32 rays along them hit, (E,)."""
     corners = solid.faces[face]
     strangers = (corners[:, :, None] != pairs[:, None, :]).all(axis=(1, 2))
     corner, normal = solid.vertices[corners[:, 0]], solid.normals[face]
@@ -145,7 +149,7 @@ def _through(solid: Solid, start: F64, end: F64, pairs: I64, face: I32) -> Mask:
 
 
 def _counted(vertices: F64, faces: I64, label: I64, volumes: F64) -> tuple[int, int]:
-    """How many labels are parts and how many are minor ones; those of no positive volume are cavities or scraps."""
+    """Count parts and minor parts. Labels without positive volume are cavities or scraps, and do not count."""
     lo, hi = component_boxes(vertices, faces, label)
     length = np.linalg.norm(hi - lo, axis=1)
     minor = length < MINOR_LENGTH * length.max()
@@ -153,9 +157,10 @@ def _counted(vertices: F64, faces: I64, label: I64, volumes: F64) -> tuple[int, 
 
 
 def _neighbours(solid: Solid, label: I64, seed: int) -> tuple[I64, I64]:
-    """Pairs of components that overlap, touch, or are one within the other.
+    """Find pairs of components that overlap or touch, or of which one lies within the other.
 
-    Just in front of the surface of one, a ray away from it meets another from behind: it began within that.
+    Rays start just in front of a component's surface and go away from it. Where one hits another component from behind,
+    it began inside that component.
     """
     rng = np.random.default_rng(seed)
     face = np.concatenate([draw_faces(solid.areas, TOUCH_POINTS, rng), np.unique(label, return_index=True)[1]])

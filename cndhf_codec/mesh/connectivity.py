@@ -1,4 +1,4 @@
-"""Edges and connected components of faces: what hangs together, and how."""
+"""Edges and connected components of faces."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from ..errors import require
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Undirected edges of M faces. of: (3, M) the edge that starts at each corner of each face. count: (E,) faces at
-    the edge. net: (E,) faces that run along it one way less those that run the other way."""
+    """Undirected edges of M faces.
+
+    of: (3, M) the edge that starts at each corner of each face. count: (E,) number of faces at the edge. net: (E,)
+    faces that run along the edge from its lower to its higher vertex, less those that run the other way.
+    """
 
     of: I64
     count: I64
@@ -21,12 +24,12 @@ class Edges:
 
     @property
     def paired(self) -> Mask:
-        """(E,) edges of exactly two faces, across which a surface goes on."""
+        """(E,) whether the edge has exactly two faces, so that the surface continues across it."""
         return self.count == 2
 
 
 def edges_of(faces: I64, vertices: int) -> Edges:
-    """The edges of faces that name `vertices` vertices."""
+    """Find the edges of faces. vertices: how many vertices there are."""
     start, end = faces.T, faces[:, [1, 2, 0]].T
     distinct, of = np.unique(np.minimum(start, end) * vertices + np.maximum(start, end), return_inverse=True)
     of = of.reshape(3, -1)
@@ -36,27 +39,27 @@ def edges_of(faces: I64, vertices: int) -> Edges:
 
 
 def connected(a: I64, b: I64, nodes: int) -> I64:
-    """(nodes,) component of each node of a graph whose links run from a[i] to b[i]."""
+    """Number the connected components of a graph with links from a[i] to b[i]: (nodes,) component of each node."""
     sparse, graph = require("scipy.sparse", "compare"), require("scipy.sparse.csgraph", "compare")
     matrix = sparse.coo_matrix((np.ones(len(a), dtype=bool), (a, b)), shape=(nodes, nodes))
     return graph.connected_components(matrix, directed=False)[1].astype(np.int64)
 
 
 def chains(links: I64) -> int:
-    """Number of connected chains that links (N, 2) between vertices make."""
+    """Count the connected chains of links (N, 2) between vertices."""
     distinct, numbers = np.unique(links, return_inverse=True)
     numbers = numbers.reshape(-1, 2)
     return int(connected(numbers[:, 0], numbers[:, 1], len(distinct)).max(initial=-1)) + 1
 
 
 def face_components(faces: I64, vertices: int) -> I64:
-    """(M,) component of each face, numbered from 0 without gaps; faces that share a vertex are of one."""
+    """(M,) component of each face, numbered from 0 without gaps. Faces that share a vertex are in one component."""
     component = connected(faces[:, :2].ravel(), faces[:, 1:].ravel(), vertices)[faces[:, 0]]
     return np.unique(component, return_inverse=True)[1].astype(np.int64)
 
 
 def component_boxes(vertices: F64, faces: I64, component: I64) -> tuple[F64, F64]:
-    """(C, 3) least and largest coordinates of each component."""
+    """Least and greatest coordinates of each component, (C, 3) each."""
     order = np.argsort(component, kind="stable")
     starts = np.flatnonzero(np.diff(component[order], prepend=-1))
     corners = vertices[faces[order]]

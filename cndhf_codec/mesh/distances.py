@@ -38,7 +38,7 @@ def surface_distances(
     seed: int = 0,
     samples: int = SAMPLES_PER_SURFACE,
 ) -> Distances:
-    """Exact point-to-triangle distances from area-uniform samples of each surface to the other."""
+    """Measure exact point-to-triangle distances from area-uniform samples of each surface to the other."""
     a_to_b = _directed(vertices_a, faces_a, vertices_b, faces_b, seed, samples)
     b_to_a = _directed(vertices_b, faces_b, vertices_a, faces_a, seed, samples)
     both = np.concatenate([a_to_b, b_to_a])

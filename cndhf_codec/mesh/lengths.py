@@ -25,8 +25,11 @@ class Length:
 
 
 def parse_length(text: str | float, unit: str | None, what: str) -> Length:
-    """A length as a user writes it: "0.2%" of the diagonal; a number in input units; or, when `unit` says what the
-    input's unit is, "0.5mm", "0.1cm", "0.001m" or "0.02in". Raises OptionError, which says what it is the length of."""
+    """Parse a length as a user writes it.
+
+    It is "0.2%" of the diagonal, a number in input units, or, where `unit` is the input's unit, "0.5mm", "0.1cm",
+    "0.001m" or "0.02in". Raises OptionError, whose message calls the length `what`.
+    """
     if unit is not None and unit not in METRES:
         raise OptionError(f"unit is {unit!r}; there are {', '.join(METRES)}")
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*(%|[a-z]+)?\s*", str(text))
@@ -46,7 +49,7 @@ def parse_length(text: str | float, unit: str | None, what: str) -> Length:
 
 
 def parse_size(text: str | int) -> int:
-    """Bytes of a size such as 4096, "4096", "4KB", "4.5KiB" or "1MB". Raises OptionError."""
+    """Parse a file size such as 4096, "4096", "4KB", "4.5KiB" or "1MB" to bytes. Raises OptionError."""
     if isinstance(text, numbers.Integral) and not isinstance(text, bool):
         return int(text)
     match = None

@@ -1,4 +1,4 @@
-"""Input coordinates to the normalised frame: bounding-box centre at the origin, farthest vertex at 1."""
+"""The normalised frame: the centre of the bounding box is the origin, the farthest vertex has distance 1."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ from .read import Mesh
 
 @dataclass(frozen=True)
 class Normalisation:
-    """normalised = (input - centre) / scale; the scale is a float32 value, as the file stores it."""
+    """Map to the normalised frame: normalised = (input - centre) / scale.
+
+    The scale is a float32 value, as the file stores it.
+    """
 
     centre: tuple[float, float, float]
     scale: float
 
     def apply(self, points: F64) -> F64:
-        """Input coordinates to the normalised frame."""
+        """Map input coordinates to the normalised frame."""
         return (points - np.array(self.centre)) / self.scale
 
     def undo(self, points: F64) -> F64:
-        """Normalised frame to input coordinates."""
+        """Map the normalised frame to input coordinates."""
         return points * self.scale + np.array(self.centre)
 
 
 def normalisation(mesh: Mesh) -> Normalisation:
-    """The mesh's normalisation; its size is one that float32 can hold (`read.check_size`)."""
+    """Find the normalisation of a mesh, whose size fits float32 (`read.check_size`)."""
     centre = mesh.vertices.min(axis=0) / 2 + mesh.vertices.max(axis=0) / 2
     radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
     scale = np.float32(radius)

@@ -1,4 +1,4 @@
-"""Tiny parts far away from the rest, which would take its detail."""
+"""Remove tiny parts far away from the rest, which would cost the rest its detail."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from .wording import counted, percent
 
 # Evidence for these constants: ADR 003.
 #
-# Share of the surface up to which parts are tiny, all of them together: less than any error of a file.
+# Tiny parts have at most this share of the surface, all together: less than any error of a file.
 TINY_SHARE = 0.001
-LARGEST_FRAME = 2.0  # times the size of the rest: a frame twice as large leaves half of the detail
+LARGEST_FRAME = 2.0  # times the size of the rest; a frame twice as large leaves half of the detail
 
 
 def without_outliers(mesh: Mesh) -> tuple[Mesh, list[str]]:
-    """The mesh without tiny parts far away, and a line that names them.
+    """Remove tiny parts far away; return the mesh and a line that names them.
 
-    The frame reaches to the farthest vertex, and what a file can tell is a share of it: tiny parts that make the frame
-    LARGEST_FRAME times as large take as much of the detail of everything else.
+    The frame reaches to the farthest vertex, and the detail of a file is relative to it. Tiny parts that make the frame
+    LARGEST_FRAME times as large make everything else that much coarser.
     """
     component = face_components(mesh.faces, len(mesh.vertices))
     count = int(component.max()) + 1
@@ -31,7 +31,7 @@ def without_outliers(mesh: Mesh) -> tuple[Mesh, list[str]]:
     by_area = np.argsort(areas, kind="stable")
     tiny = np.zeros(count, dtype=bool)
     tiny[by_area[np.cumsum(areas[by_area]) <= TINY_SHARE * areas.sum()]] = True
-    # Kept: what is not tiny, and the tiny parts around it that widen its box to no more than LARGEST_FRAME times.
+    # Keep what is not tiny, and tiny parts around it that widen its box to no more than LARGEST_FRAME times its size.
     low, high = lo[~tiny].min(axis=0), hi[~tiny].max(axis=0)
     middle, reach = low / 2 + high / 2, LARGEST_FRAME * float(np.linalg.norm(high - low)) / 2
     away = tiny & (np.linalg.norm(np.maximum(hi - middle, middle - lo), axis=1) > reach)

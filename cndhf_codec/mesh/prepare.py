@@ -1,4 +1,4 @@
-"""From a source to the solid that is encoded, with what had to be assumed on the way."""
+"""Make the solid that is encoded from a source, and tell what had to be assumed."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from .thicken import check_thickness, thickened
 from .wording import percent
 
 # Evidence for these constants: ADR 002; LEAST_THICKNESS: 030.
-MOST_OPEN = 0.25  # of the rays from outside may meet sheets: then the rest is worth having without them
-# A mesh of more faces is simplified for the fit: the trees over them would take minutes and gigabytes again and again.
+MOST_OPEN = 0.25  # of the rays from outside may meet sheets; a mesh of more is refused, one of less loses its sheets
+# A mesh of more faces is simplified for the fit: each tree over all of them would take minutes and gigabytes.
 MOST_FACES, SIMPLIFIED = 2_000_000, 1_000_000
-# How far behind a sheet a body must reach (normalised units). Measured there, inside: 2 % of a bed's single panel, 90 %
-# of a draped cloth, all of an open box.
+# Distance behind a sheet at which the solid is looked for (normalised units). Measured share that is inside there: 2 %
+# of a bed's single panel, 90 % of a draped cloth, all of an open box.
 BEHIND = 0.01
-LEAST_THICKNESS = 4 * BOX_STEP  # normalised units: a domain's box is rounded by up to a step at either side
-WORTH_A_LINE = 0.001  # a smaller one is not worth a line: of rays, a face seen from behind at a silhouette
+LEAST_THICKNESS = 4 * BOX_STEP  # normalised units: a domain box is rounded by up to a step at either side
+WORTH_A_LINE = 0.001  # smaller shares are not reported: faces at silhouettes are seen from behind by a few rays
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A mesh made ready to be encoded.
 
-    given: the input, and flipped, the share of its surface whose orientation was reversed. norm: the frame of what
-    follows. solid: what is encoded, of a simplified mesh where the input is very large. reference: vertices and faces
-    that the error is measured against: the input's, with its walls if it was thickened, without tiny parts far away.
-    extents: of the input's bounding box, without such parts; input units. assumptions: a line for each thing taken for
-    granted. refusal: why there is no solid to encode, with the remedy, or None.
+    given: the input. flipped: share of its surface whose orientation was reversed. norm: frame of solid and reference.
+    solid: what is encoded, from a simplified mesh where the input is very large. reference: vertices and faces that the
+    error is measured against: the input's, with its walls if it was thickened, without tiny parts far away. extents: of
+    the input's bounding box, without such parts, in input units. assumptions: a line for each thing that was assumed.
+    refusal: why there is no solid to encode, with the remedy, or None.
     """
 
     given: Mesh
@@ -51,15 +51,15 @@ class Prepared:
 
     @property
     def diagonal(self) -> float:
-        """Of the bounding box, input units."""
+        """Diagonal of the bounding box, in input units."""
         return float(np.linalg.norm(self.extents))
 
 
 def prepare(source: Any, thicken: Length | None = None) -> Prepared:
     """Read a source (see `read_mesh`) and make it a solid.
 
-    thicken: of the wall that sheets get. Raises InputError, and MeshError for what is no mesh or a wall that cannot be
-    made. A surface that is too open to be a solid, or too thin for a file, is a `refusal`.
+    thicken: thickness of the wall that sheets get. Raises InputError, and MeshError for what is no mesh and for a wall
+    that cannot be made. A surface too open to be a solid, or too thin for a file, gets a `refusal`.
     """
     given = read_mesh(source)
     assumptions = list(given.notes)
@@ -93,7 +93,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
         if bare.any():
             assumptions.append(_left_out(solid, norm, bare))
             kept = _without(solid, norm, bare, mesh.name)
-            # The frame is that of what is kept; the error is measured against what was given.
+            # The frame fits the faces that are kept; the error is measured against all that were given.
             given_vertices, norm = norm.undo(reference[0]), normalisation(kept)
             solid, reference = _solid(kept, norm), (norm.apply(given_vertices), reference[1])
         if solid.behind > WORTH_A_LINE:
@@ -106,7 +106,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
 
 
 def solid_or_error(prepared: Prepared) -> Solid:
-    """The solid. Raises MeshError where the mesh is refused."""
+    """Return the solid. Raises MeshError where the mesh is refused."""
     if prepared.refusal is not None:
         raise MeshError(prepared.refusal)
     return prepared.solid
@@ -116,7 +116,7 @@ def _solid(mesh: Mesh, norm: Normalisation) -> Solid:
     vertices, faces = norm.apply(mesh.vertices), mesh.faces
     if len(faces) > MOST_FACES:
         simplify = require("fast_simplification", "encode").simplify
-        # agg: how greedily. 3 comes nearer to the surface than the default of 7; less may stop before the count.
+        # agg: how greedy. 3 stays nearer to the surface than the default of 7; less may stop before the count.
         fewer = simplify(vertices.astype(np.float32), faces.astype(np.int32), target_count=SIMPLIFIED, agg=3)
         small = checked(fewer[0], fewer[1], mesh.name)
         vertices, faces = small.vertices, small.faces
@@ -124,7 +124,7 @@ def _solid(mesh: Mesh, norm: Normalisation) -> Solid:
 
 
 def _with_walls(mesh: Mesh, norm: Normalisation, solid: Solid, thickness: float, extents: F64) -> tuple[Mesh, str]:
-    """The mesh with a wall in place of its sheets, and a line that says so; thickness and extents in input units."""
+    """Replace the sheets of a mesh by a wall; return also a line that says so. Thickness, extents: input units."""
     check_thickness(thickness, float(np.linalg.norm(extents)), mesh.name)
     if not solid.open:
         return mesh, "the surface has no sheets: nothing was thickened"
@@ -141,7 +141,7 @@ def _no_inside(name: str, solid: Solid, extents: F64) -> str:
 
 
 def _too_thin(name: str, solid: Solid, norm: Normalisation) -> str | None:
-    """Why a solid is too thin for a file, or None. The thickness is a plate's; a rod's is half of its diameter."""
+    """Say why a solid is too thin for a file, or None. Thickness is that of a plate; for a rod it is the radius."""
     if not solid.closed:
         return None
     thickness = 2 * abs(solid.signed_volume) / float(solid.areas.sum())
@@ -154,8 +154,8 @@ def _too_thin(name: str, solid: Solid, norm: Normalisation) -> str | None:
 
 
 def _bare(solid: Solid) -> Mask:
-    """(M,) faces of sheets that nothing closes to a body: just behind them is outside. To keep them would leave threads
-    of them in the fit."""
+    """(M,) whether a face is of a sheet that bounds no solid: just behind it is outside. A fit would leave threads of
+    such sheets."""
     at = np.flatnonzero(solid.sheet)
     points = solid.vertices[solid.faces[at]].mean(axis=1) - BEHIND * solid.normals[at]
     patch = solid.repaired.patch
@@ -165,7 +165,7 @@ def _bare(solid: Solid) -> Mask:
 
 
 def _without(solid: Solid, norm: Normalisation, faces: Mask, name: str) -> Mesh:
-    """The solid's mesh without some faces, in input coordinates."""
+    """Make a mesh, in input coordinates, of the solid without some faces."""
     used, numbers = np.unique(solid.faces[~faces], return_inverse=True)
     return checked(norm.undo(solid.vertices[used]), numbers.reshape(-1, 3), name)
 
@@ -179,7 +179,7 @@ def _left_out(solid: Solid, norm: Normalisation, faces: Mask) -> str:
 
 
 def _place(solid: Solid, norm: Normalisation, faces: Mask) -> str:
-    """Where some faces are, in input coordinates."""
+    """Say where some faces are, in input coordinates."""
     corners = norm.undo(solid.vertices[solid.faces[faces]].reshape(-1, 3))
     ends = np.stack([corners.min(axis=0), corners.max(axis=0)])
     ends = np.round(ends, 3 - int(np.ceil(np.log10(np.ptp(ends, axis=0).max())))) + 0.0  # thousandths of their size

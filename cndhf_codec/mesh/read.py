@@ -1,4 +1,4 @@
-"""Mesh input: files, streams or arrays, as one checked triangle mesh in input coordinates."""
+"""Read files, streams or arrays as one checked triangle mesh in input coordinates."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ READERS: dict[str, Callable[[bytes, Fetch], Triangles]] = {
 EXTENSIONS = tuple(f".{kind}" for kind in READERS)
 PACKED = {b"\x1f\x8b": ".gz", b"BZh": ".bz2", b"\xfd7zXZ\0": ".xz", b"\x28\xb5\x2f\xfd": ".zst"}  # by their first bytes
 MOST_BYTES = 2**34  # of a file
-MOST_TIMES = 1000  # as many bytes as a compressed file has may come out of it
+MOST_TIMES = 1000  # bytes that may come out of each byte of a compressed file
 PIECE = 2**20
 Number = TypeVar("Number", bound=np.generic)
 
-AT_ONCE = 2**20  # faces looked at together: bounds the memory that large meshes take
-LEAST_RADIUS, MOST_RADIUS = 1e-30, 1e30  # radius of a mesh: what float32 can hold
+FACES_AT_ONCE = 2**20  # faces checked together: bounds the memory that large meshes take
+LEAST_RADIUS, MOST_RADIUS = 1e-30, 1e30  # of a mesh: what float32 can hold
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles with no zero-area face, no unused vertex, equal positions merged, and vertices and faces sorted.
 
-    vertices: (N, 3) float64. faces: (M, 3) int64. dropped: how many zero-area faces were left out. notes: a line for
-    each thing in the file that was not read as it stands.
+    vertices: (N, 3) float64. faces: (M, 3) int64. dropped: number of zero-area faces left out. notes: a line for each
+    thing in the file that was not read as it stands.
     """
 
     vertices: F64
@@ -66,13 +66,13 @@ class Mesh:
 
 
 def read_mesh(source: Any) -> Mesh:
-    """Mesh from a path, a binary stream, a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
+    """Read a mesh from a path, a binary stream, a `trimesh.Trimesh` or `Scene`, or a (vertices, faces) pair.
 
-    Files: OBJ, PLY, STL, OFF, GLB, glTF (with its .bin) and 3MF, compressed with gzip, bzip2, xz or zstd too. Their
-    content says what they are, and a note where their name says otherwise. Scenes are flattened with their transforms.
-    Raises InputError when the file cannot be opened, MeshError when it is damaged, holds what is not read, or no
-    triangles with finite coordinates, and MissingExtraError for a glTF compressed with Draco or meshoptimizer without
-    the `gltf` extra.
+    Files are OBJ, PLY, STL, OFF, GLB, glTF (with its .bin) or 3MF, and may be compressed with gzip, bzip2, xz or zstd.
+    The content decides the format; where the name says otherwise, the mesh has a note. Scenes are flattened with their
+    transforms. Raises InputError when the file cannot be opened, MeshError when it is damaged, holds what is not read,
+    or has no triangles with finite coordinates, and MissingExtraError for a glTF compressed with Draco or meshoptimizer
+    without the `gltf` extra.
     """
     if isinstance(source, (str, os.PathLike)):
         return _of_file(Path(source))
@@ -123,7 +123,7 @@ def _of_stream(stream: BinaryIO) -> Mesh:
     try:
         if getattr(stream, "isatty", bool)():
             raise InputError(f"{name}: is a terminal; pipe a mesh into it, or name a file")
-        # In pieces: a pipe may give fewer bytes than it is asked for, and one large call takes memory of all of them.
+        # In pieces: a pipe may give fewer bytes than it is asked for, and one large call takes memory for all of them.
         while piece := stream.read(PIECE):
             if not isinstance(piece, bytes):
                 raise InputError(f"{name}: is not open for bytes")
@@ -140,7 +140,7 @@ def _of_stream(stream: BinaryIO) -> Mesh:
 
 
 def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
-    """kind: what the name says; None where there is none."""
+    """Read a file's bytes. kind: the format that the name says; None where there is no name."""
     try:
         if len(data) == MOST_BYTES:
             raise UnreadableError(f"has {MOST_BYTES} bytes or more, which is more than is read")
@@ -148,11 +148,11 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
         if data.startswith(tuple(PACKED)):
             raise UnreadableError("is compressed twice; unpack it once")
         found = recognise.recognise(data)
-        if found in (None, "obj"):  # which some other text may seem to be
+        if found in (None, "obj"):  # other text may look like OBJ
             recognise.check_foreign(data)
             if found is None and kind is None:
                 raise UnreadableError("its content is of no format that is read: " + ", ".join(READERS))
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite, or too large, is told below
+        with np.errstate(over="ignore", invalid="ignore"):  # `checked` says what is not finite or too large
             read = READERS[found or kind or ""](data, beside)
     except UnreadableError as exc:
         raise MeshError(f"{name}: {exc}") from exc
@@ -165,7 +165,7 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """The bytes that a compressed file holds, or those that are given."""
+    """Decompress a file's bytes; those of other files are returned as they are."""
     ending = next((ending for magic, ending in PACKED.items() if data.startswith(magic)), None)
     if ending is None:
         return data
@@ -189,7 +189,7 @@ def _pieces(ending: str, data: bytes) -> Iterator[bytes]:
 
 
 def _zst_pieces(data: bytes) -> Iterator[bytes]:
-    # Fed by the kilobyte, of which few megabytes can come; the library's own file says nothing of a cut.
+    # A kilobyte at a time: only a few megabytes can come of it. The library's own reader does not report a cut file.
     machine = zstandard.ZstdDecompressor(max_window_size=2**27).decompressobj()
     for at in range(0, len(data), 2**10):
         rest = data[at : at + 2**10]
@@ -203,7 +203,7 @@ def _zst_pieces(data: bytes) -> Iterator[bytes]:
 
 
 def _beside(path: Path) -> Fetch:
-    """Reads what a .gltf names, from its folder and those below it."""
+    """Return a reader of the files that a .gltf names, in its folder and those below it."""
 
     def fetch(uri: str) -> bytes:
         folder = path.absolute().parent
@@ -227,7 +227,7 @@ def _flatten(scene: Any, name: str) -> Any:
 
 
 def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
-    """The mesh of these arrays, whatever they hold. Raises MeshError, which calls the mesh by its name."""
+    """Make a checked mesh of arrays, whatever they hold. Raises MeshError, whose message names the mesh."""
     if faces.size == 0:
         raise MeshError(f"{name}: has no faces")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
@@ -251,7 +251,9 @@ def checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
     check_size(vertices[named], name)
     vertices, number = distinct_rows(vertices + 0.0)  # -0 becomes 0
     faces = number[faces]
-    solid = np.concatenate([_has_area(vertices, faces[at : at + AT_ONCE]) for at in range(0, len(faces), AT_ONCE)])
+    solid = np.concatenate(
+        [_has_area(vertices, faces[at : at + FACES_AT_ONCE]) for at in range(0, len(faces), FACES_AT_ONCE)]
+    )
     dropped = int(len(faces) - solid.sum())
     faces = faces[solid]
     if not len(faces):
@@ -267,7 +269,7 @@ def check_size(vertices: F64, name: str) -> None:
     half = hi / 2 - lo / 2
     largest = float(half.max())
     radius = largest * float(np.linalg.norm(half / largest)) if largest > 0 else 0.0
-    if radius > 0 and not LEAST_RADIUS < radius < MOST_RADIUS:  # of radius 0 are faces without an area, which is told
+    if radius > 0 and not LEAST_RADIUS < radius < MOST_RADIUS:  # at radius 0 no face has an area: another error
         raise MeshError(f"{name}: its size ({2 * radius:g}) is outside {LEAST_RADIUS:g} to {MOST_RADIUS:g}; rescale it")
     if np.abs(vertices).max() > MOST_RADIUS:
         raise MeshError(
@@ -276,8 +278,8 @@ def check_size(vertices: F64, name: str) -> None:
 
 
 def distinct_rows(rows: npt.NDArray[Number]) -> tuple[npt.NDArray[Number], I64]:
-    """The distinct rows of (N, d), sorted by their first column, then the second, and so on; and which of them each row
-    is, (N,). As numpy's `unique` by rows, in less time and memory."""
+    """Find the distinct rows of (N, d), sorted by their first column, then the second, and so on; and which of them
+    each row is, (N,). As numpy's `unique` by rows, in less time and memory."""
     order = np.lexsort(rows.T[::-1])
     ordered = rows[order]
     new = np.ones(len(order), dtype=bool)
@@ -295,8 +297,8 @@ def _has_area(vertices: F64, faces: I64) -> Mask:
 
 
 def _in_order(faces: I64) -> I64:
-    """Every face from its least vertex on, and the faces sorted: what a file's order of faces and vertices was is
-    forgotten, so that one geometry gives one file whatever the format it came in."""
+    """Begin every face at its least vertex and sort the faces. The order in the input no longer matters then, so that
+    one geometry gives one .cndhf file whatever the format it came in."""
     first = faces.argmin(axis=1)[:, None]
     faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
     return faces[np.lexsort(faces.T[::-1])]

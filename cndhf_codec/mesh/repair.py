@@ -1,6 +1,6 @@
-"""Faces made ready to bound a solid, by their connections alone: each once, and neighbours looking the same way.
+"""Make faces ready to bound a solid, by their connections alone: each once, and neighbours looking the same way.
 
-Which way a patch of them looks is for rays to say (`solid.py`).
+Rays decide later which way a whole patch looks (`solid.py`).
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ MOST_FLAP = 0.01  # share of the whole area up to which a flap of doubled faces 
 
 @dataclass(frozen=True, eq=False)
 class Repaired:
-    """faces: (M', 3). turned: (M',) whether it was reversed.
-    patch: (M',) number of its patch: faces connected across edges of two faces. open_patch: (P,) whether one of its
-    edges is not of two faces. repeated: how many faces were left out as copies. doubled: (M',) whether the face was
-    given in both orientations. dropped_pairs: pairs of opposite faces that were left out.
+    """Faces made ready to bound a solid, in patches: faces connected across edges of two faces.
+
+    faces: (M', 3). turned: (M',) whether the face was reversed. patch: (M',) number of its patch. open_patch: (P,)
+    whether the patch has an edge that is not of two faces. repeated: number of faces left out as copies. doubled: (M',)
+    whether the face was given in both orientations. dropped_pairs: number of pairs of opposite faces left out.
     """
 
     faces: I64
@@ -37,7 +38,7 @@ class Repaired:
 
 
 def repair(faces: I64, areas: F64, vertices: int) -> Repaired:
-    """Copies left out, opposite pairs resolved, neighbours turned to look the same way.
+    """Leave out copies, resolve opposite pairs, and turn neighbours to look the same way.
 
     faces: (M, 3), none with a vertex twice. areas: (M,). vertices: how many there are.
     """
@@ -52,15 +53,15 @@ def repair(faces: I64, areas: F64, vertices: int) -> Repaired:
 
 
 def _each_once(faces: I64, areas: F64, vertices: int) -> tuple[I64, Mask, int, int]:
-    """Which faces to keep (ascending), which of them were given in both orientations, and how many copies and pairs
-    were left out."""
+    """Choose the faces to keep (ascending). Returns also which of them were given in both orientations, and how many
+    copies and pairs are left out."""
     distinct, group = distinct_rows(np.sort(faces, axis=1))
     if len(distinct) == len(faces):
         return np.arange(len(faces)), np.zeros(len(faces), dtype=bool), 0, 0
     ranks = np.argsort(faces, axis=1)
     sign = np.where((ranks[:, 1] - ranks[:, 0]) % 3 == 1, 1, -1)
     net = np.bincount(group, weights=sign).astype(np.int64)
-    # Of every group the first face that looks the way most of them do; of a pair, the first.
+    # Keep of every group the first face that looks the way most of them do; of a pair, the first.
     fitting = np.flatnonzero(sign * np.sign(net)[group] >= 0)
     source = np.sort(fitting[np.unique(group[fitting], return_index=True)[1]])
     doubled = net[group[source]] == 0
@@ -70,10 +71,10 @@ def _each_once(faces: I64, areas: F64, vertices: int) -> tuple[I64, Mask, int, i
 
 
 def _needless(faces: I64, areas: F64, doubled: Mask, vertices: int) -> Mask:
-    """Doubled faces without which the surface is better closed: walls between two parts that touch, and small flaps.
+    """Mark doubled faces without which the surface is better closed: walls between two parts that touch, small flaps.
 
-    The two faces of a pair cancel in the winding number. The rest stay, once: a surface that is doubled throughout,
-    and what closes a hole.
+    The two faces of a pair cancel in the winding number. Other doubled faces stay, once: those of a surface that is
+    doubled throughout, and those that close a hole.
     """
     if not doubled.any():
         return doubled.copy()
@@ -101,7 +102,7 @@ def _needless(faces: I64, areas: F64, doubled: Mask, vertices: int) -> Mask:
 
 
 def _patches(edges: Edges, areas: F64) -> tuple[I64, Mask]:
-    """(M,) the patch of each face, and whether it must be reversed to look the way that most of its patch does."""
+    """Find the patch of each face, (M,), and whether to reverse the face so that it looks as most of its patch does."""
     m = edges.of.shape[1]
     of = edges.of.ravel()
     unordered = np.flatnonzero(edges.paired[of])
@@ -111,7 +112,7 @@ def _patches(edges: Edges, areas: F64) -> tuple[I64, Mask]:
     patch = connected(f, g, m)
     if agree.all():
         return patch, np.zeros(m, dtype=bool)
-    # Two nodes a face, as it is and reversed: a patch that can be oriented falls into two mirrored components.
+    # Two nodes per face, one as it is and one reversed: a patch that can be oriented has two mirrored components.
     to = np.where(agree, 0, m)
     side = connected(np.concatenate([f, f + m]), np.concatenate([g + to, g + m - to]), 2 * m)
     first = np.unique(patch, return_index=True)[1]

@@ -1,4 +1,4 @@
-"""Uniform samples: points of triangles by area, and directions of the sphere."""
+"""Draw uniform samples: points of triangles by area, and directions of the sphere."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from ..arrays import F64, I64
 
 
 def face_areas(vertices: F64, faces: I64) -> F64:
-    """(M,) areas."""
+    """(M,) areas of faces."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1)) / 2
 
 
 def draw_faces(areas: F64, count: int, rng: np.random.Generator) -> I64:
-    """(count,) faces drawn with probabilities proportional to their areas, in ascending order: points of neighbouring
-    faces are then neighbours in memory."""
+    """Draw faces, (count,), with probabilities proportional to their areas. They are in ascending order, so that points
+    of neighbouring faces are neighbours in memory."""
     cumulative = np.cumsum(areas)
     face = np.sort(np.searchsorted(cumulative, rng.random(count) * cumulative[-1]))
     return np.minimum(face, len(cumulative) - 1)
 
 
 def points_in(corners: F64, rng: np.random.Generator) -> F64:
-    """(N, 3) a point in each triangle (N, 3, 3), uniform by area.
+    """Draw a point in each triangle (N, 3, 3), uniform by area: (N, 3).
 
     Barycentric coordinates 1 - sqrt(a), sqrt(a) (1 - b), sqrt(a) b for uniform a, b: Osada et al., "Shape
     Distributions" (2002).
@@ -33,7 +33,7 @@ def points_in(corners: F64, rng: np.random.Generator) -> F64:
 
 
 def sample_surface(vertices: F64, faces: I64, count: int, seed: int) -> F64:
-    """(count, 3) points of a surface, uniform by area."""
+    """Draw points of a surface, (count, 3), uniform by area."""
     rng = np.random.default_rng(seed)
     return points_in(vertices[faces[draw_faces(face_areas(vertices, faces), count, rng)]], rng)
 

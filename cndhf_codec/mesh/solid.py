@@ -1,4 +1,4 @@
-"""The solid that a mesh bounds: ray casting, which way its faces look, and inside tests."""
+"""The solid that a mesh bounds: ray casting, orientation of its faces, and inside tests."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ RAYS_AT_ONCE = 2**18
 RAY_OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
 # Evidence for these constants: ADR 002.
 #
-# A patch more of whose rays from outside than this meet it from behind has no inside. Measured: a bunny with holes in
-# its base 0.02, a sphere without a cap of a tenth of its area 0.09; an open box 0.17, a draped cloth 0.28, a range scan
-# 0.44.
+# A patch is a sheet, without an inside, where more than this share of the rays from outside meet it from behind.
+# Measured: a bunny with holes in its base 0.02, a sphere without a cap of a tenth of its area 0.09; an open box 0.17, a
+# draped cloth 0.28, a range scan 0.44.
 SHEET_SHARE = 0.125
-LEAST_RAYS = 20  # rays that say nothing of a patch
+LEAST_RAYS = 20  # fewer say nothing about a patch
 
 
 class Solid:
-    """A mesh in the normalised frame, ready for rays. What it bounds: copies of faces count once, neighbours are made
-    to look the same way, every patch of them outward as seen from outside; inside is where the winding number is above
-    1/2. So holes are closed, overlapping parts are one, and what is within others does not matter. Faces are in Morton
-    order, so that rays cast from neighbouring faces walk the same part of the tree.
+    """The solid that a mesh in the normalised frame bounds, ready for rays.
 
-    vertices: (N, 3) float64. given: (M, 3) int64 the faces as they came. faces: (M', 3) int64 those of the solid.
+    Copies of faces count once, neighbours look the same way, and every patch looks outward as seen from outside. Inside
+    is where the winding number is above 1/2: so holes are closed, overlapping parts are one, and parts within others do
+    not matter. Faces are in Morton order, so that rays from neighbouring faces walk the same part of the tree.
+
+    vertices: (N, 3) float64. given: (M, 3) int64, the faces as they came. faces: (M', 3) int64, those of the solid.
     normals: (M', 3) unit float64. areas: (M',) float64. flipped: share of the area whose orientation was reversed.
-    behind: share of the rays from outside that meet a face from behind, through a hole. open: share of them that meet
-    sheets, patches of the surface that have no inside. sheet: (M',) the faces of those and of scraps that hardly a ray
-    meets.
+    behind: share of the rays from outside that meet a face from behind, through a hole. open: share of those rays that
+    meet sheets, patches without an inside. sheet: (M',) whether the face is of a sheet, or of a scrap that hardly any
+    ray meets.
     """
 
     def __init__(self, vertices: F64, faces: I64) -> None:
@@ -58,12 +59,12 @@ class Solid:
         inward = self._look_from_outside()
         self.faces[inward] = self.faces[inward][:, ::-1]
         self.normals[inward] *= -1
-        # A face that was given in both orientations has none to be reversed, and a sheet has no inside to look from.
+        # A face given in both orientations has none that could be reversed, and a sheet has no inside.
         flipped = (repaired.turned ^ inward) & ~repaired.doubled & ~self.sheet
         self.flipped = float(self.areas[flipped].sum() / self.areas.sum())
 
     def first_hits(self, origins: npt.NDArray[np.floating], directions: npt.NDArray[np.floating]) -> I32:
-        """The face that each ray hits first, or -1. origins (N, 3); directions (N, 3) or (3,)."""
+        """Find the face that each ray hits first, (N,), or -1. origins (N, 3); directions (N, 3) or (3,)."""
         o = np.ascontiguousarray(origins, dtype=np.float32)
         d = np.broadcast_to(np.asarray(directions, dtype=np.float32), o.shape)
         out = np.empty(len(o), dtype=np.int32)
@@ -73,23 +74,26 @@ class Solid:
         return out
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[F64, F64]:
-        """(count, 3) points of the surface, uniform by area, in the order of the faces; and their outward normals."""
+        """Draw points of the surface, uniform by area, in the order of the faces; and their outward normals.
+
+        Both are (count, 3).
+        """
         face = draw_faces(self.areas, count, rng)
         return points_in(self.vertices[self.faces[face]], rng), self.normals[face]
 
     def visible_along(self, axis: F64, points: F64, normals: F64) -> Mask:
-        """(N,) whether nothing lies before a surface point (N, 3) on the side of the axis that it faces."""
+        """(N,) whether nothing lies in front of surface points (N, 3), on the side of the axis that they face."""
         toward = np.where((normals @ axis > 0)[:, None], axis, -axis)
         return self.first_hits(points + RAY_OFFSET * normals, toward) < 0
 
     def contains(self, points: npt.NDArray[np.floating]) -> Mask:
-        """Inside test: the winding number is above 1/2. That closes holes of the surface, and takes overlapping parts
-        as one. Barill et al., "Fast Winding Numbers for Soups and Clouds" (2018)."""
+        """(N,) whether points (N, 3) are inside: their winding number is above 1/2. This closes holes of the surface,
+        and takes overlapping parts as one. Barill et al., "Fast Winding Numbers for Soups and Clouds" (2018)."""
         return self.winding_numbers(points) > 0.5
 
     def distances(self, points: npt.NDArray[np.floating]) -> F64:
-        """(N,) distance of points (N, 3) from the solid's boundary: from its faces, and about that from what closes its
-        holes, to which faces may be far.
+        """(N,) distance of points (N, 3) from the solid's boundary: exact from its faces, approximate from what closes
+        its holes.
 
         At a height h over the middle of a round hole, and a distance d from its rim, the winding number w is
         1/2 +- h / 2d, so that d |2 w - 1| is h.
@@ -107,7 +111,7 @@ class Solid:
 
     @property
     def signed_volume(self) -> float:
-        """What its faces enclose, once for each time that they go round it; of a closed surface."""
+        """Volume that a closed surface encloses; where faces go round it several times, it counts as often."""
         return float(signed_volumes(self.vertices, self.faces).sum())
 
     def winding_numbers(self, points: npt.NDArray[np.floating]) -> F64:
@@ -117,8 +121,8 @@ class Solid:
         return np.asarray(igl.fast_winding_number(self.vertices, np.ascontiguousarray(self.faces), wide))
 
     def _look_from_outside(self) -> Mask:
-        """Casts rays from outside; sets `behind`, `open` and `sheet`. Returns the faces whose patch is seen mostly from
-        behind: they look inward."""
+        """Cast rays from outside and set `behind`, `open` and `sheet`. Returns (M',) whether a face looks inward: rays
+        see its patch mostly from behind."""
         patch = self.repaired.patch
         seen = np.zeros((2, patch.max() + 1), dtype=np.int64)  # from the front, from behind
         for direction in fibonacci_sphere(14):
@@ -127,7 +131,7 @@ class Solid:
             for side, at in enumerate((hit[self.normals[hit] @ direction > 0], hit[self.normals[hit] @ direction < 0])):
                 seen[side] += np.bincount(patch[at], minlength=seen.shape[1])
         unseen = seen.sum(axis=0) == 0
-        if unseen.all():  # thinner than the rays lie apart: a closed patch looks outward when its volume is positive
+        if unseen.all():  # all passes between rays: a closed patch looks outward when its volume is positive
             volumes = np.bincount(patch, weights=signed_volumes(self.vertices, self.faces))
             seen[1] = (volumes < 0) & ~self.repaired.open_patch
         rays, behind = np.maximum(seen.sum(axis=0), 1), seen.min(axis=0)
@@ -137,18 +141,18 @@ class Solid:
         self.sheet = (sheet | (self.repaired.open_patch & (rays < LEAST_RAYS)))[patch]
         inward = seen[1] > seen[0]
         if not unseen.all() and inward[~unseen].all():
-            inward |= unseen  # all was turned inside out, and so was what no ray meets: a cavity stays one
+            inward |= unseen  # the mesh was inside out, and so were patches that no ray meets: cavities stay so
         return inward[patch]
 
 
 def _cross(vertices: F64, faces: I64) -> F64:
-    """(M, 3) normals of faces, twice their areas long."""
+    """(M, 3) normals of faces, with twice their areas as lengths."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
 
 def signed_volumes(vertices: F64, faces: I64) -> F64:
-    """(M,) volumes between faces and the middle of all vertices: of a closed surface they add up to its volume."""
+    """(M,) volumes between faces and the mean of all vertices. Those of a closed surface add up to its volume."""
     a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
     return np.asarray((np.cross(a, b) * c).sum(axis=1)) / 6
 

@@ -1,4 +1,4 @@
-"""A wall for sheets that have no inside: every point within half its thickness of them becomes solid."""
+"""Give sheets, which have no inside, a wall: every point within half its thickness of them becomes solid."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .solid import Solid
 LEAST_WALL, MOST_WALL = 0.005, 0.2  # of the bounding box's diagonal
 # Evidence for these constants: ADR 002.
 CELLS_PER_WALL = 2.5  # grid cells through the wall
-BLOCK_CELLS = 4  # cells on a side of a block that is looked at together
+BLOCK_CELLS = 4  # along the side of a block; blocks far from the sheets are skipped whole
 
 
 def check_thickness(thickness: float, diagonal: float, name: str) -> None:
-    """Raise MeshError for a wall too thin for a file of this kind to hold, or one that would be all there is."""
+    """Raise MeshError for a wall too thin for a file of this kind to hold, or too thick to leave any shape."""
     if not LEAST_WALL * diagonal <= thickness <= MOST_WALL * diagonal:
         raise MeshError(
             f"{name}: a wall of {thickness:.4g} is {100 * thickness / diagonal:.2g} % of the bounding box's diagonal; "
@@ -31,10 +31,10 @@ def check_thickness(thickness: float, diagonal: float, name: str) -> None:
 
 
 def thickened(solid: Solid, norm: Normalisation, thickness: float, name: str) -> Mesh:
-    """The mesh with a closed wall in place of its sheets; the rest stays as it is.
+    """Replace the sheets of a mesh by a closed wall; the rest stays as it is.
 
-    solid: of the mesh, in the frame that norm is of. thickness: in input units. The wall is the level set of the
-    distance to the sheets at half the thickness, by marching cubes.
+    solid: of the mesh, in the frame of `norm`. thickness: in input units. The wall is the level set of the distance to
+    the sheets at half the thickness, by marching cubes.
     """
     measure: Any = require("skimage.measure", "encode")
     corners, numbers = np.unique(solid.faces[solid.sheet], return_inverse=True)
@@ -48,8 +48,8 @@ def thickened(solid: Solid, norm: Normalisation, thickness: float, name: str) ->
 
 
 def _distance_grid(vertices: F64, faces: I64, reach: float, spacing: float) -> tuple[F32, F64, float]:
-    """Distance to the faces at the nodes of a grid around them, where it is not much more than `reach`; the position of
-    the first node, and the spacing."""
+    """Measure the distance to faces at the nodes of a grid around them, where it is not much more than `reach`. Returns
+    also the position of the first node, and the spacing."""
     origin = vertices.min(axis=0) - reach - 2 * spacing
     blocks = np.ceil((vertices.max(axis=0) + reach + 2 * spacing - origin) / (BLOCK_CELLS * spacing)).astype(int)
     side = BLOCK_CELLS * spacing

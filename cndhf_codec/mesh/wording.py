@@ -1,10 +1,10 @@
-"""Shares and counts as messages say them."""
+"""Write shares and counts for messages."""
 
 from __future__ import annotations
 
 
 def percent(share: float) -> str:
-    """A share in words that do not make nothing of little."""
+    """Write a share in percent; small shares are "under 0.1 %", never "0.0 %"."""
     return "under 0.1 %" if 0 < share < 0.001 else f"{100 * share:.1f} %"
 
 

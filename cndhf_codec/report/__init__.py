@@ -1,1 +1,1 @@
-"""Two shapes measured against each other: numbers, and a page with pictures. Needs the `encode` extra."""
+"""Measure two shapes against each other: numbers (`compare` extra), and a page with pictures (`report` extra)."""

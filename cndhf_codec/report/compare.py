@@ -1,4 +1,4 @@
-"""Distances between two shapes, each a mesh or a `.cndhf` file."""
+"""Measure distances between two shapes, each a mesh or a `.cndhf` file."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..decoder.model import load
 from ..mesh.distances import Distances, surface_distances
 from ..mesh.read import read_mesh
 
-FINE = 384  # resolution of a .cndhf file's surface
+MEASURED_RESOLUTION = 384  # default resolution of a .cndhf file's surface
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface: vertices (N, 3) float64, triangles (M, 3) int64, the name and size in bytes of its file, and notes: a
-    line for each thing in it that was not read as it stands."""
+    """A surface: vertices (N, 3) float64 and triangles (M, 3) int64; the name of its file and the file's size in bytes;
+    and notes, a line for each thing in it that was not read as it stands."""
 
     vertices: F64
     faces: I64
@@ -31,7 +31,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Comparison:
-    """diagonal: of the bounding box of `a`, input units, as are `distances`."""
+    """Distances between two shapes, in input units. diagonal: of the bounding box of `a`, in input units."""
 
     a: Shape
     b: Shape
@@ -39,7 +39,7 @@ class Comparison:
     distances: Distances
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values. Distances in input units; `percent`: in percent of the diagonal."""
+        """Return plain values, for JSON. Distances are in input units, and in percent of the diagonal in `percent`."""
         units = {
             "mean_error": self.distances.mean,
             "p99_error": self.distances.p99,
@@ -58,8 +58,8 @@ class Comparison:
 
 
 def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> Shape:
-    """The surface of a mesh file, or of a `.cndhf` file: of this resolution (as of `Model.to_mesh`), or as fine as is
-    good for measuring.
+    """Read the surface of a mesh file, or of a `.cndhf` file at a resolution (see `Model.to_mesh`), by default one that
+    is fine enough for measuring.
 
     Raises InputError, MeshError, FormatError, OptionError or SurfaceError.
     """
@@ -68,7 +68,7 @@ def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> S
     if path.suffix.lower() == ".cndhf":
         model = load(path)
         if resolution is None:
-            vertices, faces = model.surface(FINE)
+            vertices, faces = model.surface(MEASURED_RESOLUTION)
             vertices = vertices * model.container.scale + np.array(model.container.centre)
         else:
             surface = model.to_mesh(resolution)
@@ -80,6 +80,6 @@ def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> S
 
 
 def compare(a: Shape, b: Shape, seed: int = 0) -> Comparison:
-    """Area-uniform samples of each surface against the other: see `mesh.distances.surface_distances`."""
+    """Measure area-uniform samples of each surface against the other: see `mesh.distances.surface_distances`."""
     distances = surface_distances(a.vertices, a.faces, b.vertices, b.faces, seed)
     return Comparison(a, b, float(np.linalg.norm(np.ptp(a.vertices, axis=0))), distances)

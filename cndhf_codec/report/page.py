@@ -1,4 +1,4 @@
-"""A comparison as one HTML file: a table, and pictures with the error in colours."""
+"""Show a comparison as one HTML file: a table, and pictures with the error in colours."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ td { text-align: right } th { text-align: left; font-weight: 600 } img { width: 
 
 
 def page(comparison: Comparison, up: str = "y") -> str:
-    """The whole HTML text; pictures are in it as PNG. Takes half a minute for a large mesh.
+    """Make the whole HTML text, with pictures in it as PNG. Takes half a minute for a large mesh.
 
     up: the axis that points up in the pictures, y or z. Raises MissingExtraError (the `report` extra).
     """
@@ -54,7 +54,7 @@ percentile.</p>
 
 
 def _pictures(c: Comparison, up: str) -> list[str]:
-    """A PNG a view, base64."""
+    """Draw one PNG per view, in base64."""
     require("matplotlib", "report")
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -91,7 +91,7 @@ def _pictures(c: Comparison, up: str) -> list[str]:
 
 
 def _filled(*faces: I32) -> tuple[slice, slice]:
-    """Rows and columns of the pictures in which there is something, and a few more."""
+    """Find the rows and columns of the pictures that show something, and a few more."""
     hit = np.any([face.reshape(SIZE, SIZE) >= 0 for face in faces], axis=0)
     spans = [np.flatnonzero(hit.any(axis=axis)) for axis in (1, 0)]
     rows, columns = (slice(max(int(s[0]) - 8, 0), int(s[-1]) + 9) if len(s) else slice(None) for s in spans)

@@ -1,4 +1,4 @@
-"""Pictures of meshes by orthographic ray casting: shading, and any value over the visible surface."""
+"""Draw meshes by orthographic ray casting: shading, and the points that each pixel sees."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WARM = np.array([0.93, 0.86, 0.76])
 
 
 def view_frame(azimuth: float, elevation: float, up: str = "y") -> F64:
-    """(3, 3) rows right, up, towards the eye; angles in degrees."""
+    """Frame of a view, (3, 3): rows right, up, towards the eye. Angles in degrees."""
     a, e = np.radians([azimuth, elevation])
     eye = np.array([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)])
     right = np.array([np.cos(a), 0, -np.sin(a)])
@@ -21,15 +21,15 @@ def view_frame(azimuth: float, elevation: float, up: str = "y") -> F64:
 
 
 def visible(solid: Solid, frame: F64, size: int) -> tuple[I32, F64]:
-    """What each pixel of a (size, size) picture of the unit ball sees.
+    """Find what each pixel of a (size, size) picture of the unit ball sees.
 
-    Returns the face (size * size,), -1 for none, and where it is seen (size * size, 3).
+    Returns the face (size * size,), -1 for none, and the point of it that is seen (size * size, 3).
     """
     side = (np.arange(size) + 0.5) / size * 2 - 1
     x, y = np.meshgrid(side, -side)
     origins = np.stack([x.ravel(), y.ravel(), np.full(x.size, 2.0)], axis=1) @ frame
     face = solid.first_hits(origins, -frame[2])
-    # The ray with the face's plane; a face seen from its edge is seen somewhere, so the divisor needs a floor.
+    # Intersect the ray with the face's plane. A face may be seen edge-on, so the divisor needs a least magnitude.
     normal, corner = solid.normals[face], solid.vertices[solid.faces[face, 0]]
     across = -normal @ frame[2]
     across = np.where(np.abs(across) < 1e-9, 1e-9, across)
@@ -38,13 +38,13 @@ def visible(solid: Solid, frame: F64, size: int) -> tuple[I32, F64]:
 
 
 def picture(solid: Solid, frame: F64, size: int) -> F64:
-    """(size, size, 3) colours of what is seen of the unit ball."""
+    """Draw the unit ball: (size, size, 3) colours."""
     return shade(solid, frame, visible(solid, frame, size)[0]).reshape(size, size, 3)
 
 
 def shade(solid: Solid, frame: F64, face: I32) -> F64:
-    """(N, 3) colours of pixels that see `face`; white where that is -1."""
+    """Shade pixels that see `face` (N,): (N, 3) colours, white where the face is -1."""
     normals = solid.normals[face] @ frame.T
-    normals *= np.where(normals[:, 2:] < 0, -1, 1)  # an open surface is looked at from both sides
+    normals *= np.where(normals[:, 2:] < 0, -1, 1)  # an open surface is seen from both sides
     lambert = np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1) * 0.8 + 0.2 * normals[:, 2].clip(0, 1)
     return np.where(face[:, None] >= 0, lambert[:, None] * WARM, 1.0)

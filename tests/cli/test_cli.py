@@ -1,4 +1,4 @@
-"""The commands: what they write and print, and one line and an exit code for whatever goes wrong."""
+"""The commands: what they write and print, and that every failure is one line and an exit code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BIN = Path(sys.executable).parent
 
 @pytest.fixture
 def run(monkeypatch, capsys):
-    """Runs a command in this process: (exit code, stdout, stderr)."""
+    """Run a command in this process: (exit code, stdout, stderr)."""
 
     def run(name: str, *arguments) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", [f"cndhf-{name}", *map(str, arguments)])
@@ -36,7 +36,7 @@ def run(monkeypatch, capsys):
 
 @pytest.fixture
 def fails(run, tmp_path):
-    """Runs a command that must fail with one line on stderr, nothing on stdout and no new file; gives the line."""
+    """Run a command that must fail with one line on stderr, nothing on stdout and no new file; return the line."""
 
     def fails(code: int, name: str, *arguments) -> str:
         before = sorted(os.listdir(tmp_path))

@@ -26,7 +26,7 @@ def data(golden):
 
 
 class NoNumbers:
-    """As a tensor on a graphics card: it cannot become an array."""
+    """Like a tensor on a graphics card: it cannot become an array."""
 
     def __array__(self, *arguments, **options):
         raise TypeError("not on this device")

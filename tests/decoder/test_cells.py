@@ -1,4 +1,4 @@
-"""Cells: what they say without a network must be what the networks say."""
+"""Cells: what they decide without a network must agree with the networks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TURNED = (9000, -14000, 20000, 20000)
 
 
 def rough():
-    """Heights that turn over every three hundredths of a unit, with steep walls between."""
+    """Heights that rise and fall within every 0.03 units, with steep walls between."""
     record = waves(3)
     symbols = list(record.symbols)
     symbols[0] = symbols[0] * 60
@@ -47,7 +47,7 @@ def model(request, golden):
 
 
 def cloud(model, n=60_000):
-    """Points of the model's box and around it, and some next to its surface, input coordinates."""
+    """Points in the model's box and around it, and some next to its surface, in input coordinates."""
     rng = np.random.default_rng(0)
     wide = rng.uniform(-1.2, 1.2, (n, 3))
     lo, hi = CellGrid(model._solid.dhfs).box

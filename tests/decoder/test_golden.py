@@ -1,6 +1,6 @@
 """Frozen files decode as on the day they were written.
 
-A file that is missing or changed is a failure: nothing here makes one. See golden/make.py.
+A missing or changed file is a failure: nothing here makes one. See golden/make.py.
 """
 
 from __future__ import annotations

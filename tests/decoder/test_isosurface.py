@@ -207,7 +207,7 @@ def test_vertices_lie_on_the_surface():
 @pytest.mark.parametrize("quaternion", [analytic.NO_TURN, ABOUT_Z_45, (9000, -14000, 20000, 20000)])
 def test_steep_walls_stand_where_they_are(monkeypatch, quaternion):
     def off_the_surface() -> float:
-        """Share of vertices with only points inside, or only points outside, a sixteenth of a spacing around."""
+        """Share of vertices around which, at 1/16 of a spacing, all points are inside or all are outside."""
         m = ridges(quaternion)
         mesh = m.to_mesh(50)
         assert mesh.is_watertight

@@ -1,4 +1,4 @@
-"""Files that are valid and ask for as much as they can: bounded by limits, in memory that is stated."""
+"""Valid files that ask for as much as they can: limits bound them, and they take no more memory than stated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mesh files out: whatever the place and the unit, what is read back is what was decoded."""
+"""Written mesh files hold what was decoded, whatever the position and the unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thin solids: how thick they are, and that no grid tears them without a word."""
+"""Thin solids: how thick they are, and that a grid which tears them warns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `check` says of shapes that are known, and that it says what `encode` does."""
+"""`check` on known shapes, and that it agrees with `encode`."""
 
 from __future__ import annotations
 

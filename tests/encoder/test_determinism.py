@@ -28,7 +28,7 @@ sys.stdout.buffer.write(cndhf_codec.encode(sys.argv[2], preset="fast", seed=3, t
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory) -> dict[str, Path]:
-    """One solid, with coordinates that float32 and short decimals can say, in every kind of file."""
+    """One solid, with coordinates that are exact in float32 and in short decimals, in every kind of file."""
     folder = tmp_path_factory.mktemp("same")
     solid = manifold3d.Manifold.cube((4, 3, 2)) - manifold3d.Manifold.cube((1, 1, 4)).translate((1, 1, -1))
     mesh = solid.to_mesh()

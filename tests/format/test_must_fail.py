@@ -1,4 +1,4 @@
-"""Frozen files of which each abuses the format in one way, and frozen files that look odd but are right.
+"""Frozen files that each abuse the format in one way, and frozen files that look odd but are right.
 
 A file that is missing, or in the folder but not in its index, is a failure: nothing here makes one.
 See must_fail/make.py.

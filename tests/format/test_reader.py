@@ -1,4 +1,4 @@
-"""A valid file means what its bytes say. What is wrong with others is in must_fail/, see test_must_fail.py."""
+"""Valid files are read as the specification says. Invalid ones are in must_fail/, see test_must_fail.py."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Makes the golden files: `python tests/golden/make.py`. Only for a new format version: it never overwrites.
+"""Make the golden files: `python tests/golden/make.py`. Only for a new format version: it never overwrites.
 
-Files that are decoded by the tests of every later version. To make one again would hide what the test is for.
+The tests of every later version decode these files. To make one again would hide the changes that the test looks for.
 
 encoded.cndhf    a short encode of examples/bracket.ply with two axes and width 8
 by-hand.cndhf    wide symbols, an unknown optional section, every metadata entry, a far centre

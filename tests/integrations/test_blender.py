@@ -1,4 +1,4 @@
-"""The Blender add-on: in Blender's own Python where bpy is installed, else that it can be imported."""
+"""The Blender add-on works in Blender's own Python, where bpy is installed; elsewhere it can be imported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts and volume: counted as a person would, exact where they can be."""
+"""Parts are counted as a person would, and volumes are exact where they can be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the fuzzer of mesh files (tools/fuzz/meshes.py) found: files that once raised something else, or warned."""
+"""Finds of the mesh fuzzer (tools/fuzz/meshes.py): files that once raised an unnamed error, or warned."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ endsolid a_b
 
 
 def refusal(data: str | bytes) -> str:
-    """The one line that says why it is not read; pytest makes warnings errors."""
+    """Return the one line that says why it is not read; pytest makes warnings errors."""
     with pytest.raises(MeshError) as caught:
         read_mesh(io.BytesIO(data.encode() if isinstance(data, str) else data))
     assert str(caught.value).isprintable()
@@ -132,7 +132,7 @@ def test_copies_and_their_vertices_are_counted(monkeypatch):
     ],
 )
 def test_polygons_of_thousands_of_corners(corners):
-    """They took seconds, and more than the minute after which the first was stopped."""
+    """They took seconds; the first took more than the minute after which it was stopped."""
     vertices = "".join(f"v {k} 0 0\n" for k in range(5000)) + "v 0 1 0\n"
     if max(corners) < 6:
         vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 2 0\nv 3 1 1\n"

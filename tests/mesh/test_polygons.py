@@ -1,4 +1,4 @@
-"""Polygons to triangles: all of the polygon, nothing else, and every corner used."""
+"""Triangles of polygons cover the polygon and nothing else, and use every corner."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def check_covers(vertices: np.ndarray, flat: np.ndarray) -> None:
-    """One polygon, as seen from above in `flat`: triangles turn as it does, and their areas add up to its own."""
+    """Check one polygon, seen from above in `flat`: triangles turn as it does, and their areas add up to its own."""
     n = len(flat)
     faces, notes = triangulate(vertices, np.arange(n), np.array([n]))
     assert notes == []

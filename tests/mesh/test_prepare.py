@@ -1,4 +1,4 @@
-"""From a source to its solid: what is refused, what gets a wall, and what is said of it."""
+"""Preparing a source: what is refused, what gets a wall, and what is reported."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cndhf_codec.mesh.prepare import prepare
 
 
 def flagged_box() -> trimesh.Trimesh:
-    """A cube with a sheet of a fifth of its size standing on it, a twentieth of its area."""
+    """A cube with a sheet standing on it, 1/5 of its size and 1/20 of its area."""
     flag = sheet()
     flag.apply_scale(0.6)
     flag.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))

@@ -1,4 +1,4 @@
-"""Mesh files and arrays in: the same solid from every kind of source, and a named error from every bad one."""
+"""Reading mesh files and arrays: the same solid from every kind of source, and a named error from every bad one."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ def test_arrays_that_are_no_mesh(source, message):
 
 
 class Slow(io.RawIOBase):
-    """Gives a few bytes at a time, as pipes do."""
+    """A stream that gives a few bytes at a time, as pipes do."""
 
     def __init__(self, data: bytes) -> None:
         self.rest = data

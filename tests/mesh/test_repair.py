@@ -1,4 +1,4 @@
-"""What dirty surfaces bound: copies, double walls, walls within, shuffled and inverted faces, parts within parts."""
+"""Solids of dirty surfaces: copies, double walls, walls within, shuffled and inverted faces, parts within parts."""
 
 from __future__ import annotations
 

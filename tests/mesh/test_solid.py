@@ -1,4 +1,4 @@
-"""Rays, inside tests and orientation, on shapes whose answer is known."""
+"""Rays, inside tests and orientation, on known shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that people have: read as what they hold, or refused with a reason.
+"""Files as people have them are read as what they hold, or refused with a reason.
 
 tests/trials has our own (see make.py there); CNDHF_TRIALS names a folder of more, with what is right in EXPECTED.tsv.
 """
@@ -37,8 +37,8 @@ def area(mesh: Mesh) -> float:
 
 
 def is_closed(mesh: Mesh) -> bool:
-    """Every edge is run along as often one way as the other: a fan over a concave polygon is that too, but not a
-    polygon that lost a corner."""
+    """Whether faces run along every edge as often one way as the other. A fan over a concave polygon passes, a polygon
+    that lost a corner does not."""
     ends = np.concatenate([mesh.faces[:, [k, (k + 1) % 3]] for k in range(3)])
     there = {tuple(e) for e in ends.tolist()}
     return all((b, a) in there for a, b in there)

@@ -1,7 +1,7 @@
-"""Makes the files that must fail and those that must load: `python tests/must_fail/make.py`.
+"""Make the files that must fail and those that must load: `python tests/must_fail/make.py`.
 
-For new ones: it never overwrites a file, and no test runs it. A test that made its own files would follow the code.
-Each file is right but for the one thing that its name says, its checksum included.
+Only new ones: it never overwrites a file, and no test runs it. A test that made its own files would follow the code.
+Each file, its checksum included, is right except for the one thing that its name says.
 
 must_fail/index.tsv   file, error class, words of its message
 must_load/index.tsv   file, why it must load; all of them decode to the same weights as valid.cndhf

@@ -1,6 +1,6 @@
-"""The mean errors of whole encodes do not rise: trials of axes, fits and rounding together, on two small meshes.
+"""Mean errors of whole encodes do not rise: trials of axes, fits and rounding together, on two small meshes.
 
-A change that is meant to change them brings new figures: `pytest -m quality` says what it measured where they are off.
+A change that is meant to change them brings new figures: where they are off, `pytest -m quality` says what it measured.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def measured() -> dict[str, list[float]]:
 
 
 def rise(measured: dict[str, list[float]]) -> float:
-    """Geometric mean of what was measured over the stored figures."""
+    """Geometric mean of the ratios of measured to stored figures."""
     return float(np.exp(np.mean([np.log(np.divide(measured[name], FIGURES[name])) for name in FIGURES])))
 
 

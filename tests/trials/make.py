@@ -1,8 +1,8 @@
-"""Makes the mesh files of this folder and index.tsv: `python tests/trials/make.py`.
+"""Make the mesh files of this folder and index.tsv: `python tests/trials/make.py`.
 
-Each file is a way of writing a mesh that people have and that readers get wrong, or damage that they take for a mesh.
-index.tsv says what is right: volume, area and box of what is read, a part of the note that it comes with, or a part of
-the error's text. The files are frozen: a change of one is a change of what was tested before.
+Each file is a way of writing a mesh that people use and that readers get wrong, or damage that they take for a mesh.
+index.tsv says what is right: volume, area and box of what is read, a part of its note, or a part of the error's text.
+The files are frozen: to change one is to change what was tested before.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ L_TRIANGLES = [(0, 1, 3), (1, 2, 3), (0, 3, 5), (3, 4, 5)]  # of the outline
 
 
 def prism(outline: Sequence[tuple[int, int]], turn: int = 0) -> tuple[np.ndarray, list[list[int]]]:
-    """Vertices and polygons of an outline pushed up by one; turn: the corner that its two ends begin with."""
+    """Vertices and polygons of an outline extruded by one. turn: the corner that its two ends begin with."""
     n = len(outline)
     vertices = np.array([(x, y, z) for z in (0, 1) for x, y in outline], dtype=float)
     ring = [(k + turn) % n for k in range(n)]
@@ -44,7 +44,7 @@ def prism(outline: Sequence[tuple[int, int]], turn: int = 0) -> tuple[np.ndarray
 
 
 def triangles(vertices: np.ndarray, polygons: list[list[int]]) -> list[list[int]]:
-    """Of the L's polygons: its ends are cut by hand."""
+    """Triangles of the L's polygons; its ends are divided by hand."""
     ends = [[[c, b, a] for a, b, c in L_TRIANGLES], [[6 + k for k in t] for t in L_TRIANGLES]]
     return [*ends[0], *ends[1], *(t for a, b, c, d in polygons[2:] for t in ([a, b, c], [a, c, d]))]
 
@@ -468,6 +468,9 @@ def make_glb() -> None:
     g = one()
     g.root["nodes"].append({"children": [1]})
     put("circle.glb", g.glb(), error="is its own ancestor")
+    g = one()
+    g.root["nodes"] += [{"children": [2, 0]}, {"children": [1]}]  # the circle is entered from the node with the mesh
+    put("circle-from-outside.glb", g.glb(), error="is its own ancestor")
     g = Gltf()
     g.node(mesh=g.mesh(g.accessor(V.astype("<f4")), [[0, 1, 12]]))
     put("beyond.glb", g.glb(), error="names vertex 12, but there are 12")
@@ -483,7 +486,7 @@ def make_glb() -> None:
 
 
 def make_compressed_glb() -> None:
-    """These hold what the two libraries wrote once: others write other bytes."""
+    """Make files with bytes that the two libraries wrote once: other versions write other bytes."""
     import DracoPy
     import meshoptimizer
 

@@ -1,1 +1,1 @@
-"""Double height fields fitted together and rounded to a size: axes, then the fit, then the rounding."""
+"""Fit double height fields together and round them to a size: axes, then the fit, then the rounding."""

@@ -1,4 +1,4 @@
-"""Double height fields of a solid, fitted and rounded together, to a given size."""
+"""Encode a solid as double height fields, fitted and rounded together, to a given size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .job import Job
 from .rounding.to_size import round_to_size
 from .settings import DhfSettings
 
-# Of a time limit: trials, and of what is left the fit.
+# Share of a time limit for trials, and share of what is left for the fit.
 PLAN_SHARE, FIT_SHARE = 0.15, 0.65
 
 
@@ -27,7 +27,7 @@ def encode_dhf(
     stage: Stage,
     deadline: Deadline,
 ) -> Encoded:
-    """metadata_bytes: size of the metadata section with its row in the section table."""
+    """Encode a solid. metadata_bytes: size of the metadata section with its row in the section table."""
     with one_torch_thread(), ThreadPool(threads) as pool:
         job = Job(solid, settings.for_size(), metadata_bytes, seed, pool, stage)
         plan = make_plan(job, deadline.part(PLAN_SHARE))

@@ -13,8 +13,8 @@ from ...format.container import fold, mirrors, rotation_matrix
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Rotation as an integer quaternion, domain box in `BOX_STEP`s, and in which
-    of u and v its heights are mirrored (as `DhfRecord.fold`)."""
+    """The frame of a double height field: rotation as an integer quaternion x, y, z, w; domain box in `BOX_STEP`s; and
+    in which of u and v its heights are mirrored (as `DhfRecord.fold`)."""
 
     quaternion: tuple[int, int, int, int]
     box: tuple[int, int, int, int, int, int]
@@ -33,22 +33,22 @@ class Frame:
         return mirrors(self.box, self.fold)
 
     def folded(self, uv: F64) -> F64:
-        """(..., 2) -> (..., 2): what the network is given for (u, v)."""
+        """(..., 2) -> (..., 2): the network's input for (u, v), on the side of the mirrors that it describes."""
         uv = uv.copy()
         fold(uv, self.mirrors)
         return uv
 
 
 def frame_for_axis(axis: F64, vertices: F64) -> Frame:
-    """Frame whose rotation takes `axis` to +z the shortest way, and the box of the rotated vertices."""
+    """Make a frame whose rotation takes `axis` to +z the shortest way, with the box of the rotated vertices."""
     x, y, z = axis / np.linalg.norm(axis)
-    # Half way between the identity and twice the turn. Opposite to z every half turn is as short: that about x.
+    # This is half way between the identity and twice the rotation. From -z every half turn is as short: take x.
     q = np.array([y, -x, 0.0, 1 + z] if z > -1 + 1e-12 else [1.0, 0.0, 0.0, 0.0])
     return frame_for_quaternion(q, vertices)
 
 
 def frame_for_quaternion(q: F64, vertices: F64) -> Frame:
-    """Frame of a rotation x, y, z, w of any length, and the box of the rotated vertices."""
+    """Make a frame of a quaternion x, y, z, w of any length, with the box of the rotated vertices."""
     a, b, c, d = (int(k) for k in np.round(q / np.linalg.norm(q) * QUATERNION_ONE))
     uvz = vertices @ rotation_matrix((a, b, c, d)).T
     lo = np.floor(uvz.min(axis=0) / BOX_STEP).astype(int)

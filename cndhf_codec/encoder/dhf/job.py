@@ -1,4 +1,4 @@
-"""What all stages of an encode need to know."""
+"""The data that the stages of an encode share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .widths import widths_for
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """metadata_bytes: size of the metadata section with its row in the section table."""
+    """What all stages need. metadata_bytes: size of the metadata section with its row in the section table."""
 
     solid: Solid
     settings: DhfSettings
@@ -26,10 +26,11 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Axes (as frames) and widths of their networks; covered and visible are shares of the input's surface.
+    """Axes (as frames) and the widths of their networks.
 
-    shares: of the surface for which each axis is the best of them, or, after a trial, of the loss that its field
-    answers for. error_lower_bound: about the mean error of the exact height fields (normalised units).
+    shares: share of the surface for which each axis is the best, or, after a trial, of the loss that its field answers
+    for. error_lower_bound: about the mean error of the exact height fields (normalised units). covered, visible: shares
+    of the input's surface that these axes see, and that any axes see.
     """
 
     frames: list[Frame]
@@ -41,5 +42,5 @@ class Plan:
 
 
 def with_shares(plan: Plan, shares: list[float], job: Job) -> Plan:
-    """The plan with other shares, and the widths that follow."""
+    """Return the plan with other shares, and the widths that follow from them."""
     return replace(plan, shares=shares, widths=widths_for(job.settings, shares, job.metadata_bytes))

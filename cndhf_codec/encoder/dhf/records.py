@@ -1,4 +1,4 @@
-"""Networks and step codes to the records of a file."""
+"""Turn networks and step codes into the records of a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .network.siren import Networks
 from .rounding.feedback import Codes, weight_steps
 from .rounding.symmetries import sort_neurons
 
-LARGEST_SYMBOL = 30_000  # that the finest steps lead to: within 15 bits, with some to spare
+LARGEST_SYMBOL = 30_000  # at the finest steps: within 15 bits, with some to spare
 
 
 def records_of(networks: Networks, codes: Codes, frames: list[Frame]) -> list[DhfRecord]:
@@ -36,7 +36,7 @@ def records_of(networks: Networks, codes: Codes, frames: list[Frame]) -> list[Dh
 
 
 def symbols_of(networks: Networks, codes: Codes) -> list[list[Symbols]]:
-    """Every tensor of every network in whole steps, neurons sorted."""
+    """Round every tensor of every network to whole steps, with neurons sorted."""
     whole = np.rint(networks.weights() / weight_steps(networks, codes)).astype(np.int32)
     out = []
     for k, (row, count) in enumerate(zip(whole, networks.counts, strict=True)):
@@ -46,11 +46,11 @@ def symbols_of(networks: Networks, codes: Codes) -> list[list[Symbols]]:
 
 
 def finest_codes(networks: Networks) -> I64:
-    """(K, tensors): the finest step codes at which the tensors' symbols fit in 15 bits."""
+    """Find the finest step codes (K, tensors) at which the tensors' symbols fit in 15 bits."""
     largest = [[max(float(t.detach().abs().max()), 1e-9) for t in networks.tensors(k)] for k in range(len(networks))]
     return np.clip(np.floor(STEPS_PER_OCTAVE * np.log2(LARGEST_SYMBOL / np.array(largest))), 0, 127).astype(np.int64)
 
 
 def coded_size(records: list[DhfRecord]) -> int:
-    """Bytes of the weights section."""
+    """Size of the weights section, in bytes."""
     return len(rans.encode([s for r in records for s in r.symbols]))

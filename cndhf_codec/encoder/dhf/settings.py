@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 # Evidence for these constants: ADR 011; DEFAULT, FAST, BEST: 022.
-REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps are taken as they are
-MOST_STEPS_FACTOR = 3.0  # more are taken at smaller sizes, at most so many times as many
+REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps hold
+MOST_STEPS_FACTOR = 3.0  # smaller sizes get more steps, at most so many times as many
 MOST_STEPS_SIZE = 16384  # bytes up to which larger sizes get more steps; beyond, a step takes too long
 
 
 @dataclass(frozen=True)
 class DhfSettings:
-    """Everything that decides an encode, apart from the mesh and the seed. Lengths are normalised units."""
+    """Everything that decides an encode, apart from the mesh and the seed. Lengths are in normalised units."""
 
     # Axes: the number up to `max_axes` that trial fits find best.
     max_axes: int = 4
@@ -29,27 +29,27 @@ class DhfSettings:
     steps: int = 400
     learning_rate: float = 3e-3
     batch: int = 4096  # points per step, of joint fits too
-    margin: float = 0.01  # outside the silhouette the far height shall be this much below the near one
+    margin: float = 0.01  # outside the silhouette the far height is to be this much below the near one
 
     # Joint fit.
-    samples: int = 400_000  # points on the surface, and as many off it
-    clear_cells: int = 64  # per side of the grid that tells where floaters are looked for
-    trial_steps: int = 600  # of the joint fits that compare sets of axes; 0: no trials
+    samples: int = 400_000  # of the surface, and as many of space
+    clear_cells: int = 64  # per side of the grid over clear space
+    trial_steps: int = 600  # joint steps of the trials that compare sets of axes; 0: no trials
     joint_steps: int = 40_000  # at REFERENCE_SIZE; see `for_size`
     joint_rate: float = 1e-3
 
     # Rounding.
     bits: float = 6.2  # per weight, when no size is asked for
     rounds: int = 4
-    round_steps: int = 3500  # of the joint fit between rounds; as joint_steps
+    round_steps: int = 3500  # joint steps between rounds, at REFERENCE_SIZE
     round_rate: float = 5e-4
 
     # Resolution at which the written file is measured; None: as it is decoded by default.
     verify_resolution: int | None = None
 
     def for_size(self) -> DhfSettings:
-        """With more joint steps at smaller sizes, where they take less time each, and at larger ones, where networks
-        have more to learn; beyond MOST_STEPS_SIZE as many fewer as they take longer."""
+        """Adapt the joint steps to the target size. Smaller sizes get more, since each takes less time; larger ones get
+        more, since networks have more to learn, but beyond MOST_STEPS_SIZE fewer again, as each takes longer."""
         if self.target_size is None:
             return self
         ratio = self.target_size / REFERENCE_SIZE

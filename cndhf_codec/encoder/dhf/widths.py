@@ -1,4 +1,4 @@
-"""How wide the networks of a file are."""
+"""Choose the widths of a file's networks."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder sta
 RECORD_BYTES = 40  # of a field, without its step codes
 FIELD_BYTES = RECORD_BYTES + 14  # record and scale codes of a field of five hidden layers
 # Evidence for these constants: ADR 007; SIZE_AIM: 026; BASE_OMEGA_WIDTH, MOST_OMEGA_FACTOR: 009.
-SIZE_AIM = 0.98  # of the size asked for is what widths and rounding aim at: the size is known only afterwards
+SIZE_AIM = 0.98  # widths and rounding aim at this share of the target size: the size is known only afterwards
 LEAST_FITTED_WIDTH = 5
-# Up to this width all networks are equally wide. The weights of wider ones grow with a power of their shares, of which
-# no share counts as less than the least.
+# Up to WIDEST_EQUAL all networks are equally wide. The weights of wider ones grow with a power of their shares, and a
+# share counts as at least LEAST_SHARE.
 WIDEST_EQUAL, SHARE_POWER, LEAST_SHARE = 25, 0.5, 1e-3
 # Beyond this width omega grows with the width, up to this factor.
 BASE_OMEGA_WIDTH, MOST_OMEGA_FACTOR = 24, 1.5
 
 
 def widths_for(settings: DhfSettings, shares: list[float], metadata_bytes: int) -> list[int]:
-    """The width asked for, or those at which networks, one per share (see `Plan.shares`), fill the target size at the
-    preset's bits per weight; none where there is no room.
+    """Return the given width, or widths at which networks, one per share (see `Plan.shares`), fill the target size at
+    the preset's bits per weight. The list is empty where there is no room.
 
-    If the error of a field whose share of it is s falls with its number of weights n as s (s / n)^a, then n in
-    proportion to s leaves the least; but a field of a small share has its whole silhouette to learn, too: n grows as
-    s^SHARE_POWER, and while none is wider than WIDEST_EQUAL all are equally wide.
+    If a field with share s of the error and n weights leaves an error of s (s / n)^a, then n in proportion to s leaves
+    the least. But a field with a small share also has its whole silhouette to learn: so n grows as s^SHARE_POWER, and
+    up to WIDEST_EQUAL all networks are equally wide.
     """
     if settings.width is not None:
         return [settings.width] * len(shares)
@@ -55,5 +55,5 @@ def widths_for(settings: DhfSettings, shares: list[float], metadata_bytes: int) 
 
 
 def omega_for(settings: DhfSettings, width: int) -> int:
-    """Networks of more weights can follow finer detail, but learn it only where omega lets them."""
+    """Choose omega for a width: wider networks can follow finer detail, but learn it only with a larger omega."""
     return round(settings.omega * min(max(width / BASE_OMEGA_WIDTH, 1.0), MOST_OMEGA_FACTOR))

@@ -1,1 +1,1 @@
-"""The method of CN-DHF as published: axes by area, fields fitted alone, one loss bound for the rounding."""
+"""The method of CN-DHF as published: axes by area, single fits only, and a bound on the loss for the rounding."""

@@ -1,4 +1,4 @@
-"""Axis selection: which directions see which triangles, and a greedy choice among them.
+"""Select axes: find which directions see which triangles, and choose among them greedily.
 
 Source: CN-DHF (Hedlin, Yang, Vining, Yi, Sheffer), the section on axis selection.
 """
@@ -17,14 +17,14 @@ from .settings import PaperSettings
 
 N_FIBONACCI = 50
 SAMPLES_PER_TRIANGLE = 5
-GRAZING = 1e-4  # cosine between a ray and its face's normal, below which the ray lies within the face
+GRAZING = 1e-4  # a ray lies within its face below this cosine between it and the face's normal
 SURFACE_OFFSET = 1e-5  # a ray starts this far from the surface it leaves (normalised units)
 
 
 @dataclass(frozen=True, eq=False)
 class AxisChoice:
-    """axes: (K, 3) unit vectors in order of choice. covered: (K,) share of the whole area seen by the first k.
-    visible: share of the whole area seen by any candidate."""
+    """The chosen axes. axes: (K, 3) unit vectors in order of choice. covered: (K,) share of the whole area that the
+    first k see. visible: share of the whole area that any candidate sees."""
 
     axes: F64
     covered: F64
@@ -39,9 +39,9 @@ def candidates() -> F64:
 def visibility(solid: Solid, directions: F64, seed: int, threads: int) -> Mask:
     """(directions, M): whether a double height field along each direction sees each whole triangle.
 
-    5 M samples: ceil(area share) in each triangle, the centroid always among them, the others uniform. A
-    sample is occluded when the rays along the direction and against it both hit another triangle; a
-    triangle with any occluded sample is occluded.
+    There are 5 M samples: ceil(area share) in each triangle, one of them the centroid, the others uniform. A sample is
+    occluded when the rays along the direction and against it both hit another triangle. A triangle with any occluded
+    sample is occluded.
     """
     owner, points = _samples(solid, seed)
     with ThreadPoolExecutor(threads) as pool:
@@ -52,8 +52,8 @@ def visibility(solid: Solid, directions: F64, seed: int, threads: int) -> Mask:
 def effective_area(areas: F64, seen: Mask, rarity: str) -> F64:
     """(M,) area weighted by how many candidates see the triangle; 0 where none does.
 
-    rarity "printed": area max(n / mean(n), 1), the paper's formula. "inverse": area max(mean(n) / n, 1), what
-    its text says. n is the number of candidates that see the triangle; the mean is over the seen ones.
+    rarity "printed": area max(n / mean(n), 1), the paper's formula. "inverse": area max(mean(n) / n, 1), what its text
+    says. n is the number of candidates that see the triangle; the mean is over the triangles that any sees.
     """
     n = seen.sum(axis=0).astype(np.float64)
     visible = n > 0
@@ -65,7 +65,7 @@ def effective_area(areas: F64, seen: Mask, rarity: str) -> F64:
 
 
 def choose_axes(solid: Solid, settings: PaperSettings, seed: int, threads: int) -> AxisChoice:
-    """Greedy: take the axis that sees most of the effective area left, until `settings.coverage` of it is seen."""
+    """Choose greedily the axis that sees most of the effective area left, until `settings.coverage` of it is seen."""
     directions = candidates()
     seen = visibility(solid, directions, seed, threads)
     weight = effective_area(solid.areas, seen, settings.rarity)
@@ -105,8 +105,8 @@ def _visible_along(
     owner: I64,
     points: F32,
 ) -> Mask:
-    # The ray on the side that the face looks to is the likelier to be free, so it goes first; and
-    # no sample of a triangle that is already occluded is looked at.
+    # The ray on the side that the face looks to is more likely to be free, so it goes first. Samples of triangles that
+    # are already occluded are skipped.
     m = len(solid.faces)
     side = np.where(solid.normals @ direction >= 0, 1, -1).astype(np.float32)
     visible = np.ones(m, dtype=bool)
@@ -124,12 +124,12 @@ def _visible_along(
 def _hits_another(solid: Solid, points: F32, directions: np.ndarray, owner: I64) -> Mask:
     """Whether rays from points on the surface hit a triangle other than the one they start on."""
     d = directions.astype(np.float32)
-    # A ray within the plane of its face would graze the faces beside it: start it off the surface.
+    # A ray within the plane of its face would graze the faces beside it: it starts off the surface.
     normals = solid.normals[owner].astype(np.float32)
     grazing = np.abs((normals * d).sum(axis=1)) < GRAZING
     points = points + np.where(grazing[:, None], SURFACE_OFFSET * normals, 0)
     hit = solid.first_hits(points + SURFACE_OFFSET * d, d)
-    # A ray that grazes its own triangle can meet it again in float32: start those farther away.
+    # A ray that grazes its own triangle can hit it again in float32: such rays start farther away.
     own = np.flatnonzero(hit == owner)
     if len(own):
         hit[own] = solid.first_hits(points[own] + 100 * SURFACE_OFFSET * d[own], d[own])

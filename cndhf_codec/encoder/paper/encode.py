@@ -1,4 +1,4 @@
-"""The published method: axes by area, every double height field fitted alone, weights rounded finely."""
+"""Encode by the published method: axes by area, single fits only, weights rounded finely."""
 
 from __future__ import annotations
 

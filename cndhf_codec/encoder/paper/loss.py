@@ -9,14 +9,14 @@ from ..dhf.fit.single import Images, Step, draw
 from ..dhf.fit.targets import HeightTargets
 from ..dhf.network.siren import Networks, forward
 
-TILE_SIDE = 16  # pixels along the side of the tiles that the Laplacian loss looks at
+TILE_SIDE = 16  # pixels along the side of the tiles that the loss is computed on
 
 
 class TileLoss:
-    """L1, hinge, and L1 between the Laplacians of the height images, on random tiles of the images."""
+    """L1 on heights, hinge, and L1 on the Laplacians of the height images, on random tiles of the images."""
 
     def __init__(self, t: HeightTargets, batch: int, margin: float, laplacian: float) -> None:
-        """margin: C, outside the silhouette the far height shall be this much below the near one. laplacian: weight of
+        """margin: C; outside the silhouette the far height is to be this much below the near one. laplacian: weight of
         the loss on the Laplacians."""
         self._images, self._margin, self._weight = Images(t), margin, laplacian
         self._laplacians = torch.from_numpy(np.stack([t.laplacian_near.ravel(), t.laplacian_far.ravel()], axis=1))
@@ -42,7 +42,7 @@ class TileLoss:
 
 
 def adam(network: Networks) -> Step:
-    """Kingma and Ba, "Adam: A Method for Stochastic Optimization" (2015)."""
+    """Make Adam's step: Kingma and Ba, "Adam: A Method for Stochastic Optimization" (2015)."""
     optimiser = torch.optim.Adam([network.theta])
 
     def step(gradient: torch.Tensor, rate: float) -> None:

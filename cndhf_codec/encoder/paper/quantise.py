@@ -1,4 +1,4 @@
-"""Quantisation: one step per tensor, chosen so that rounding costs no more loss than allowed."""
+"""Quantise a network: one step per tensor, chosen so that rounding raises the loss by no more than allowed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .settings import PaperSettings
 Tensors = list[F32]
 
 PROBE_POINTS = 2**15
-PROBE_STEP = 2.0**-10  # trial steps that measure a tensor's sensitivity, relative to its RMS value
+PROBE_STEP = 2.0**-10  # step that measures a tensor's sensitivity, relative to its RMS value
 
 
 def quantise(tensors: Tensors, targets: HeightTargets, settings: PaperSettings, seed: int) -> DhfRecord:
-    """Round a fitted network: the coarsest set of steps is taken whose loss stays within
-    `settings.quantisation_loss` of the unrounded network's.
+    """Round a fitted network with the coarsest steps whose loss is within `settings.quantisation_loss` of the unrounded
+    network's.
 
-    Errors of the tensors add up in squares, so for a given total the fewest bits are spent when tensor t,
-    of n weights, whose rounding with step d moves the heights by s d, has d proportional to sqrt(n) / s.
-    Raises EncodeError when even the finest steps cost more than allowed.
+    The squares of the tensors' errors add up. So for a given total the fewest bits are spent when a tensor of n
+    weights, whose rounding with step d moves the heights by s d, has d in proportion to sqrt(n) / s. Raises EncodeError
+    when even the finest steps cost more than allowed.
     """
     probe = _Probe(targets, settings, seed)
     allowed = probe.loss(tensors) * (1 + settings.quantisation_loss)
@@ -39,7 +39,7 @@ def quantise(tensors: Tensors, targets: HeightTargets, settings: PaperSettings, 
         rounded = [(s * step_size(c)).astype(np.float32) for s, c in zip(symbols, codes, strict=True)]
         return codes, symbols, probe.loss(rounded)
 
-    # The loss falls with the level but for noise: bisection finds a level where it passes the bound.
+    # Except for noise, the loss falls as the level rises: bisect for the level where it passes the bound.
     low, high = 0, STEP_CODE_MASK
     codes, symbols, loss = attempt(high)
     if loss > allowed:
@@ -64,7 +64,7 @@ def quantise(tensors: Tensors, targets: HeightTargets, settings: PaperSettings, 
 
 
 class _Probe:
-    """Fixed sample points on which a network's heights and its loss are looked at."""
+    """Fixed sample points at which a network's heights and its loss are computed."""
 
     def __init__(self, targets: HeightTargets, settings: PaperSettings, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ class _Probe:
         return Network(tensors, self.settings.omega, self.settings.omega)(self.uv)
 
     def loss(self, tensors: Tensors) -> float:
-        """The fit's L1 and hinge on the probe's points."""
+        """L1 and hinge of the fit at these points."""
         y, n = self.heights(tensors), self.n_inside
         loss = float((np.abs(y[:n] - self.truth) * self.known).sum()) / n
         if n < len(y):
@@ -94,7 +94,7 @@ class _Probe:
 
 
 def _relative_steps(tensors: Tensors, probe: _Probe, seed: int) -> list[float]:
-    """Step of each tensor relative to one another, the largest 1."""
+    """Choose the tensors' steps relative to each other, the largest 1."""
     rng = np.random.default_rng(seed)
     before = probe.heights(tensors)
     steps = []
@@ -108,7 +108,7 @@ def _relative_steps(tensors: Tensors, probe: _Probe, seed: int) -> list[float]:
 
 
 def _code(step: float, tensor: F32) -> int:
-    """The step code nearest to a step, no finer than the symbols' range allows."""
+    """Choose the step code nearest to a step, no finer than the symbols' range allows."""
     finest = float(np.abs(tensor).max()) / MAX_SYMBOL
     code = round(-math.log2(max(step, 2.0**-40)) * STEPS_PER_OCTAVE)
     code = min(max(code, 0), STEP_CODE_MASK)

@@ -8,13 +8,13 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Everything that decides an encode, apart from the mesh and the seed. Lengths are normalised units.
+    """Everything that decides an encode, apart from the mesh and the seed. Lengths are in normalised units.
 
-    The paper states neither image size, learning rate nor number of steps: those are ours, and 5,000 steps are what a
-    laptop's processor can bear.
+    The paper states neither image size nor learning rate nor number of steps. These are our choice; 5,000 steps are
+    what a laptop's processor can do in acceptable time.
     """
 
-    max_axes: int | None = None  # greedy until `coverage` of the effective area is seen, or so many are taken
+    max_axes: int | None = None  # most axes; None: as many as see `coverage` of the effective area
     coverage: float = 0.999
     rarity: Literal["printed", "inverse"] = "printed"  # see axes.effective_area
     width: int = 30
@@ -24,7 +24,7 @@ class PaperSettings:
     steps: int = 5000
     learning_rate: float = 1e-3
     batch: int = 4096  # points per step
-    margin: float = 0.1  # C: outside the silhouette the far height shall be this much below the near one
+    margin: float = 0.1  # C: outside the silhouette the far height is to be this much below the near one
     laplacian: float = 10.0  # weight of the loss on the Laplacians of the height images
     quantisation_loss: float = 0.01  # share by which rounding may raise the loss
     verify_resolution: int | None = None  # at which the written file is measured; None: as it is decoded by default

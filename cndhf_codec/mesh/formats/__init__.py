@@ -1,1 +1,1 @@
-"""Readers of mesh files, one module a format: bytes -> `common.Triangles`, or `UnreadableError` with the reason."""
+"""Readers of mesh files, one module per format: bytes -> `common.Triangles`, or `UnreadableError` with the reason."""

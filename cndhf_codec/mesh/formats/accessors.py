@@ -1,4 +1,4 @@
-"""glTF 2.0's numbers: JSON objects with named faults, buffers, buffer views and accessors as arrays."""
+"""Read glTF 2.0's JSON, with errors that name the place, and its buffers, buffer views and accessors, as arrays."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from .common import UnreadableError, told
 
 KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # componentType
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-# Numbers of an accessor without data, which are 0: a few bytes can ask for billions. Morph targets have such,
-# for as many positions as they move; so more are allowed for each byte of buffers that was read before.
+# Most numbers of an accessor without data, which are 0: a few bytes can ask for billions. Morph targets have such
+# accessors, as large as their meshes, so more are allowed per byte of buffers that was read before.
 MOST_ZEROS, ZEROS_A_BYTE = 2**20, 64
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 Object = dict[str, Any]
 Numbers = npt.NDArray[np.generic]
-# The bytes behind a buffer's relative address. Raises UnreadableError.
+# Returns the bytes at a buffer's relative address. Raises UnreadableError.
 Fetch = Callable[[str], bytes]
 
 
 def parse(data: bytes) -> Object:
-    """The JSON of a glTF file."""
+    """Parse the JSON of a glTF file."""
     try:
         root = json.loads(data.removeprefix(b"\xef\xbb\xbf"))
     except (ValueError, RecursionError) as exc:
@@ -44,7 +44,7 @@ def parse(data: bytes) -> Object:
 
 
 def section(owner: Object, key: str, kind: type, where: str) -> Any:
-    """owner[key], an empty object or list where it is missing. Raises UnreadableError for another type."""
+    """Return owner[key], or an empty object or list where it is missing. Raises UnreadableError for another type."""
     found = owner.get(key, kind())
     if not isinstance(found, kind):
         raise UnreadableError(f"{where}: {key} is no {'object' if kind is dict else 'list'}")
@@ -59,7 +59,7 @@ def objects(owner: Object, key: str, where: str) -> list[Object]:
 
 
 def count_of(owner: Object, key: str, where: str, default: int | None = None) -> int:
-    """A whole number from 0 on."""
+    """Return owner[key], a whole number from 0 on. Raises UnreadableError for anything else."""
     found = owner.get(key, default)
     if isinstance(found, float) and found.is_integer():
         found = int(found)
@@ -69,7 +69,7 @@ def count_of(owner: Object, key: str, where: str, default: int | None = None) ->
 
 
 def vector_of(owner: Object, key: str, length: int | None, where: str) -> F64 | None:
-    """(length,) numbers, or None where there are none."""
+    """Return owner[key] as numbers (length,), or None where it is missing."""
     if key not in owner:
         return None
     found = owner[key]
@@ -84,7 +84,7 @@ def vector_of(owner: Object, key: str, length: int | None, where: str) -> F64 | 
 
 
 def item(root: Object, kind: str, index: Any, where: str) -> tuple[Object, str]:
-    """The object of this number among root's `kind`, and what to call it."""
+    """Return the object of this number in the list root[kind], and its name for messages."""
     items = section(root, kind, list, "the file")
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(items):
         raise UnreadableError(f"{where}: names {kind} {told(index)}, but there are {len(items)}")
@@ -94,7 +94,7 @@ def item(root: Object, kind: str, index: Any, where: str) -> tuple[Object, str]:
 
 
 class Accessors:
-    """Arrays of a document's accessors. binary: the GLB's own chunk, if there is one."""
+    """A document's accessors as arrays. binary: the GLB's own chunk, if there is one."""
 
     def __init__(self, root: Object, binary: bytes | None, fetch: Fetch) -> None:
         self.root, self.notes = root, list[str]()
@@ -131,7 +131,7 @@ class Accessors:
         return raw.astype(np.int64)
 
     def _raw(self, index: Any, components: int, where: str) -> Numbers:
-        """(count, components) as stored, checked against the least and the largest values that are declared."""
+        """(count, components) as stored, checked against the declared minimum and maximum."""
         accessor, name = item(self.root, "accessors", index, where)
         count, width = self.shape(index, where)
         if width != components:
@@ -183,7 +183,7 @@ class Accessors:
         return base
 
     def _check_range(self, accessor: Object, found: Numbers, where: str) -> None:
-        """A note where values are not in the range that the file declares: they, or their place in it, are wrong."""
+        """Add a note where values are not in the range that the file declares: they or their offsets are wrong."""
         if not found.size or (found.dtype.kind == "f" and not np.isfinite(found).all()):
             return
         size = float(np.ptp(found.astype(np.float64), axis=0).max())
@@ -243,7 +243,7 @@ class Accessors:
             except UnreadableError:
                 if "%" not in uri:
                     raise
-                data = self._fetch(uri)  # some write names as they are
+                data = self._fetch(uri)  # some programs write names without %XX
         if len(data) < size:
             raise UnreadableError(f"{name}: declares {size} bytes, but {len(data)} are there: it is cut short")
         self._buffers[index] = data[:size]
@@ -251,13 +251,13 @@ class Accessors:
 
 
 def _base64(text: str) -> bytes:
-    """Of text that may have line breaks in it, and no padding."""
+    """Decode base64 text that may have line breaks and lack its padding."""
     packed = "".join(text.split())
     return base64.b64decode(packed + "=" * (-len(packed) % 4), validate=True)
 
 
 def _unquoted(text: str) -> bytes:
-    """The bytes that text stands for in which some are written %XX (RFC 3986)."""
+    """Decode text in which some bytes are written %XX (RFC 3986)."""
     return re.sub(
         rb"%([0-9A-Fa-f]{2})", lambda found: bytes([int(found[1], 16)]), text.encode("utf-8", "surrogatepass")
     )
@@ -268,7 +268,7 @@ def _listed(values: Numbers | F64) -> str:
 
 
 def _unpacked(packed: Object, data: bytes, where: str) -> bytes:
-    """Bytes of a view compressed by meshoptimizer (EXT_meshopt_compression)."""
+    """Decompress a buffer view compressed by meshoptimizer (EXT_meshopt_compression)."""
     library = require("meshoptimizer", "gltf")
     count, stride = count_of(packed, "count", where), count_of(packed, "byteStride", where)
     mode, filter_ = packed.get("mode"), packed.get("filter", "NONE")
@@ -279,7 +279,7 @@ def _unpacked(packed: Object, data: bytes, where: str) -> bytes:
             out = library.decode_vertex_buffer(count, stride, data)
         elif mode in ("TRIANGLES", "INDICES") and stride in (2, 4):
             decode = library.decode_index_buffer if mode == "TRIANGLES" else library.decode_index_sequence
-            out = decode(count, 4, data).astype(f"<u{stride}")  # asked for 2 bytes, it would put two numbers in one
+            out = decode(count, 4, data).astype(f"<u{stride}")  # asked for 2 bytes, it would pack two numbers into one
         else:
             raise UnreadableError(f"{where}: its compression mode {told(mode)} of {stride} bytes is not known")
     except (ValueError, RuntimeError, TypeError) as exc:
@@ -293,6 +293,6 @@ def _unpacked(packed: Object, data: bytes, where: str) -> bytes:
             return np.ldexp((packed_floats << 8 >> 8).astype(np.float64), packed_floats >> 24).astype("<f4").tobytes()
     if filter_ == "QUATERNION" and stride == 8:
         return cast("bytes", library.decode_filter_quat(np.frombuffer(raw, np.uint8), count, stride).tobytes())
-    if filter_ != "NONE":  # of normals and colours: no position and no index has it
+    if filter_ != "NONE":  # a filter of normals and colours: positions and indices have none
         raise UnreadableError(f"{where}: its compression filter {told(filter_)} is not read")
     return raw

@@ -1,4 +1,4 @@
-"""What every reader gives back and raises, and the text that four of them read."""
+"""The result and the error of every reader, and the parsing of text that four of them share."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from ...arrays import F64, I64
 
-# Triangles that a file may come to, copies of its parts counted: a few lines can ask for billions.
+# Most triangles of a file, counting copies of its parts: a few lines can ask for billions.
 MOST_TRIANGLES = 2**27
-MOST_COPIES = 2**17  # of its parts: instances, components, nodes with meshes
+MOST_COPIES = 2**17  # of a file's parts: instances, components, nodes with meshes
 
 
 NO_NUMBER = re.compile(rb"-?[0-9]\.#(?:IND|QNAN|SNAN|INF)")
@@ -24,8 +24,11 @@ class UnreadableError(Exception):
 
 @dataclass
 class Triangles:
-    """vertices: (N, 3) float64. faces: (M, 3) int64, not yet checked against N. notes: a line for each thing in the
-    file that was not read as it stands, for the user."""
+    """Triangles that a reader has found.
+
+    vertices: (N, 3) float64. faces: (M, 3) int64, not yet checked against N. notes: a line for the user about each
+    thing in the file that was not read as it stands.
+    """
 
     vertices: F64
     faces: I64
@@ -33,7 +36,7 @@ class Triangles:
 
 
 def joined(parts: Sequence[Triangles]) -> Triangles:
-    """The parts as one, in their order, with each distinct note once."""
+    """Join parts in their order, with each distinct note once."""
     before = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return Triangles(
         np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
@@ -64,7 +67,7 @@ def check_count(triangles: int, vertices: int = 0, copies: int = 0) -> None:
 
 
 def lines_of(data: bytes, before: int = 0) -> list[str]:
-    """The lines of a text file, whatever ends them, without a byte order mark. before: lines that come before them."""
+    """Split a text file into lines, whatever ends them, without a byte order mark. before: lines that precede them."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise UnreadableError("is UTF-16 text; save it as UTF-8 or ASCII")
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -72,7 +75,7 @@ def lines_of(data: bytes, before: int = 0) -> list[str]:
     if zero >= 0:
         line = before + data.count(b"\n", 0, zero) + 1
         raise UnreadableError(f"line {line}: holds a zero byte, so this is no text, or the file is damaged")
-    # As Microsoft's C library writes NaN and infinity; what follows the # would be taken for a comment.
+    # Microsoft's C library writes NaN and infinity like this; what follows the # would be taken for a comment.
     if found := NO_NUMBER.search(data) if b".#" in data else None:
         line = before + data.count(b"\n", 0, found.start()) + 1
         raise UnreadableError(f"line {line}: {shown(found[0].decode())} is no number")
@@ -80,8 +83,8 @@ def lines_of(data: bytes, before: int = 0) -> list[str]:
 
 
 def numbers(lines: Sequence[str], comments: str | None = None) -> F64 | None:
-    """(lines, columns) the numbers on lines that all hold as many, or None where they do not or a word is no number."""
-    if not lines or not lines[0].partition(comments or "\n")[0].strip():  # of nothing but blank lines numpy would warn
+    """Read numbers (lines, columns), or None where lines hold different counts or a word is no number."""
+    if not lines or not lines[0].partition(comments or "\n")[0].strip():  # numpy warns of nothing but blank lines
         return None
     try:
         found = np.loadtxt(lines, dtype=np.float64, comments=comments, ndmin=2)
@@ -91,7 +94,7 @@ def numbers(lines: Sequence[str], comments: str | None = None) -> F64 | None:
 
 
 def number(word: str, where: str) -> float:
-    """A decimal number. Raises UnreadableError, which names the place and a likely reason."""
+    """Parse a decimal number. Raises UnreadableError, which names the place and a likely reason."""
     try:
         if "_" not in word:
             return float(word)
@@ -102,7 +105,7 @@ def number(word: str, where: str) -> float:
 
 
 def whole(word: str, where: str) -> int:
-    """A whole number of at most 18 digits. Raises UnreadableError."""
+    """Parse a whole number of at most 18 digits. Raises UnreadableError."""
     digits = word.removeprefix("-").removeprefix("+")
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 18):
         raise UnreadableError(f"{where}: {shown(word)} is no whole number")
@@ -110,17 +113,17 @@ def whole(word: str, where: str) -> int:
 
 
 def shown(word: str, most: int = 40) -> str:
-    """A word of a file fit for a message: quoted, short, without control characters."""
+    """Make a word of a file fit for a message: quoted, short, without control characters."""
     return ascii(word if len(word) <= most else word[: most - 3] + "...")
 
 
 def told(value: object) -> str:
-    """A value of a JSON file fit for a message. Lists and objects may be nested deeper than can be written out."""
+    """Make a JSON value fit for a message. Lists and objects are not written out: they may be nested too deeply."""
     if isinstance(value, (list, dict)):
         return "a list" if isinstance(value, list) else "an object"
     return shown(value if isinstance(value, str) else repr(value))
 
 
 def left_out(count: int, what: str) -> list[str]:
-    """The note on what was left out, if anything was."""
+    """Make a note on what was left out, if anything was."""
     return [f"{count} {what} {'was' if count == 1 else 'were'} left out"] if count else []

@@ -1,4 +1,4 @@
-"""glTF 2.0, .glb and .gltf: the scene as a viewer shows it at rest, with instances, skins and morph targets.
+"""Read glTF 2.0, .glb and .gltf: the scene as a viewer shows it at rest, with instances, skins and morph targets.
 
 The specification's sections are named as in glTF 2.0.1 (Khronos).
 """
@@ -20,7 +20,7 @@ from .ply import strip_triangles
 
 DRACO, INSTANCES, VISIBILITY = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing", "KHR_node_visibility"
 READ = {DRACO, INSTANCES, VISIBILITY, "KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_meshopt_compression"}
-# They say how a surface looks, sounds, moves or is called, not where it is.
+# Prefixes of extensions that say how a surface looks, sounds, moves or is called, not where it is.
 SHAPELESS = (
     *(
         "KHR_materials_",
@@ -48,7 +48,8 @@ STRIP, FAN, LIST = 5, 6, 4  # primitive modes; those below are points and lines
 
 @dataclass(frozen=True)
 class Primitive:
-    """positions: (N, 3) at rest. faces: (M, 3). joints, weights: (N, K), or None."""
+    """Triangles of a mesh with one material. positions: (N, 3) at rest. faces: (M, 3). joints, weights: (N, K), or
+    None."""
 
     positions: F64
     faces: I64
@@ -57,7 +58,7 @@ class Primitive:
 
 
 def read_glb(data: bytes, fetch: Fetch) -> Triangles:
-    """fetch: the bytes of a buffer beside the file."""
+    """Read a GLB file. fetch: reads a buffer beside the file."""
     if len(data) < 20 or not data.startswith(b"glTF"):
         raise UnreadableError("is no GLB file: it does not begin with 'glTF' and a header")
     version, length = struct.unpack_from("<II", data, 4)
@@ -127,7 +128,7 @@ class _Scene:
     # Nodes (3.5).
 
     def _tree(self) -> dict[int, int]:
-        """The parent of every node that has one. Raises where nodes are no trees."""
+        """Find the parent of every node that has one. Raises UnreadableError where nodes are no trees."""
         parents: dict[int, int] = {}
         for k, node in enumerate(self.nodes):
             for child in section(node, "children", list, f"nodes {k}"):
@@ -137,17 +138,17 @@ class _Scene:
                 parents[child] = k
         settled: set[int] = set()
         for k in range(len(self.nodes)):
-            path: list[int] = []
+            path: set[int] = set()
             while k in parents and k not in settled:
-                path.append(k)
+                path.add(k)
                 settled.add(k)
                 k = parents[k]
-                if k in path[:1]:
+                if k in path:  # the walk may have begun outside the circle
                     raise UnreadableError(f"nodes {k}: is its own ancestor")
         return parents
 
     def _shown(self) -> list[int]:
-        """The nodes of the scene in the order of a walk through it."""
+        """List the visible nodes of the scene, depth first."""
         scenes = objects(self.root, "scenes", "the file")
         if scenes:
             index = self.root.get("scene", 0)
@@ -179,7 +180,7 @@ class _Scene:
         return out
 
     def _local(self, k: int) -> F64 | None:
-        """A node's own (4, 4) transform; None stands for none."""
+        """A node's own transform (4, 4), or None for the identity."""
         node, where = self.nodes[k], f"nodes {k}"
         matrix = vector_of(node, "matrix", 16, where)
         if matrix is not None:
@@ -191,7 +192,7 @@ class _Scene:
         return _transforms(t[None], r[None], s[None])[0]
 
     def _world(self, k: int) -> F64 | None:
-        """A node's transform into the scene's frame."""
+        """A node's transform (4, 4) into the scene's frame, or None for the identity."""
         path = [k]
         while path[-1] in self.parents and path[-1] not in self._worlds:
             path.append(self.parents[path[-1]])
@@ -240,7 +241,7 @@ class _Scene:
         if isinstance(packed, dict) and not self._has_fallback(primitive, attributes, where):
             positions, corners, joints, weights_of = self._draco(primitive, packed, where)
             mode = LIST  # whatever it was, it is decoded to triangles
-            if joints is None:  # beside the compressed attributes
+            if joints is None:  # they may stand beside the compressed attributes
                 joints, weights_of = self._influences(attributes, where)
         else:
             positions = self.accessors.floats(attributes["POSITION"], 3, where)
@@ -289,7 +290,7 @@ class _Scene:
             raise UnreadableError(f"{where}: its joints and weights differ in number") from exc
 
     def _has_fallback(self, primitive: Object, attributes: Object, where: str) -> bool:
-        """Whether everything is there uncompressed too."""
+        """Whether positions and indices are there uncompressed, too."""
         used = [attributes["POSITION"], *([primitive["indices"]] if "indices" in primitive else [])]
         return all(self.accessors.has_data(index, where) for index in used)
 
@@ -326,7 +327,7 @@ class _Scene:
     # Places (3.7.3, 3.5.3).
 
     def _placed(self, primitive: Primitive, k: int, where: str) -> Iterator[Triangles]:
-        """The primitive where the node puts it: by its skin, by its instances, or by its transform."""
+        """Place the primitive as the node says: by its skin, by its instances, or by its transform."""
         node = self.nodes[k]
         if "skin" in node and primitive.joints is not None and primitive.weights is not None:
             posed = Primitive(self._posed(primitive, node["skin"], where), primitive.faces, None, None)
@@ -345,7 +346,7 @@ class _Scene:
             yield _moved(primitive, transform if world is None else world @ transform)
 
     def _instances(self, attributes: Object, where: str) -> F64:
-        """(K, 4, 4) of EXT_mesh_gpu_instancing."""
+        """Transforms (K, 4, 4) of EXT_mesh_gpu_instancing."""
         names = [("TRANSLATION", 3), ("ROTATION", 4), ("SCALE", 3)]
         found = [self.accessors.floats(attributes[n], width, where) if n in attributes else None for n, width in names]
         counts = {len(array) for array in found if array is not None}
@@ -359,7 +360,8 @@ class _Scene:
         return _transforms(t, r, s)
 
     def _posed(self, primitive: Primitive, index: Any, where: str) -> F64:
-        """Linear blend skinning: a vertex is the mean of where its joints take it. The node's own place is ignored."""
+        """Pose by linear blend skinning: a vertex goes to the weighted mean of where its joints take it. The node's own
+        transform is ignored."""
         skin, name = item(self.root, "skins", index, where)
         joints = section(skin, "joints", list, name)
         used, weights = primitive.joints, primitive.weights
@@ -392,7 +394,7 @@ REST = ([0, 0, 0], [0, 0, 0, 1], [1, 1, 1])  # translation, rotation (x, y, z, w
 
 
 def _transforms(t: F64, r: F64, s: F64) -> F64:
-    """(K, 4, 4) of translations, quaternions and scales."""
+    """Transforms (K, 4, 4) from translations (K, 3), quaternions (K, 4) and scales (K, 3)."""
     length = np.linalg.norm(r, axis=1, keepdims=True)
     x, y, z, w = (r / np.where(length > 0, length, 1)).T
     out = np.zeros((len(t), 4, 4))
@@ -408,14 +410,14 @@ def _transforms(t: F64, r: F64, s: F64) -> F64:
 def _moved(primitive: Primitive, transform: F64 | None) -> Triangles:
     if transform is None:
         return Triangles(primitive.positions, primitive.faces)
-    # What is too large is told later, with the mesh's size. A determinant of NaN can divide by zero.
+    # Too large numbers are reported later, with the mesh's size. A determinant of NaN can divide by zero.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         vertices = primitive.positions @ transform[:3, :3].T + transform[:3, 3]
     return _turned(Primitive(vertices, primitive.faces, None, None), transform)
 
 
 def _turned(primitive: Primitive, transform: F64 | None) -> Triangles:
-    """The primitive as it is, its triangles turned round where the node's transform mirrors (3.7.4)."""
+    """Keep the positions; reverse the triangles where the node's transform mirrors (3.7.4)."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         mirrored = transform is not None and np.linalg.det(transform[:3, :3]) < 0
     return Triangles(primitive.positions, primitive.faces[:, ::-1] if mirrored else primitive.faces)

@@ -1,4 +1,4 @@
-"""Wavefront OBJ: vertices and faces, by the "Advanced Visualizer" manual, appendix B1."""
+"""Read Wavefront OBJ: vertices and faces, by the "Advanced Visualizer" manual, appendix B1."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ...arrays import I64
 from .common import Triangles, UnreadableError, left_out, lines_of, number, numbers, shown, whole
 from .polygons import triangulate
 
-SURFACE_FREE = {  # statements that say nothing of the surface
+SURFACE_FREE = {  # statements that say nothing about the surface
     *("vn", "vt", "vp", "g", "o", "s", "mg", "mtllib", "usemtl", "maplib", "usemap", "bevel", "c_interp", "d_interp"),
     *("lod", "shadow_obj", "trace_obj"),
 }
 NAMING = ("g", "o", "mtllib", "usemtl", "maplib", "usemap", "shadow_obj", "trace_obj")
-FREE_FORM = {  # curves and surfaces that would have to be made triangles of
+FREE_FORM = {  # curves and surfaces, which would have to be divided into triangles
     *("cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp", "end", "con"),
     *("ctech", "stech", "bsp", "bzp", "cdc", "cdp", "res"),
 }
@@ -68,8 +68,8 @@ def read_obj(data: bytes) -> Triangles:
 
 
 def _join_continued(lines: list[str]) -> None:
-    """Vertices and faces whose line ends in a backslash, put together in the place of the first; the others become
-    empty. A backslash at the end of a comment or of a name (a Windows folder) goes on with nothing."""
+    """Join lines that end in a backslash to the lines after them, which become empty. A backslash at the end of a
+    comment or of a name (a Windows folder) joins nothing."""
     for at in range(len(lines) - 2, -1, -1):
         line = lines[at].rstrip()
         if line.endswith("\\") and "#" not in line and line.split(None, 1)[0].lower() not in NAMING:
@@ -78,12 +78,12 @@ def _join_continued(lines: list[str]) -> None:
 
 
 def _vertices(lines: list[str], at: list[int]) -> np.ndarray:
-    """(N, 3); weights and colours behind the coordinates are not looked at."""
+    """Read vertices (N, 3); weights and colours behind the coordinates are ignored."""
     if not at:
         return np.empty((0, 3))
     try:
         return np.loadtxt([lines[k] for k in at], usecols=(1, 2, 3), comments="#", ndmin=2).reshape(len(at), 3)
-    except ValueError:  # some line is not as it should be: which?
+    except ValueError:  # find the faulty line below
         pass
     out = np.empty((len(at), 3))
     for row, k in enumerate(at):
@@ -95,7 +95,7 @@ def _vertices(lines: list[str], at: list[int]) -> np.ndarray:
 
 
 def _faces(words: list[str], at: list[int], vertex_at: I64) -> tuple[I64, I64]:
-    """Corners of all faces, counted from 0, and how many each face has.
+    """Read the corners of all faces, counted from 0, and how many each face has.
 
     words: what follows each `f`, on line `at`. Negative indices count back from the last vertex before the face.
     """

@@ -1,6 +1,6 @@
-"""OFF and its kin (COFF, NOFF, STOFF, 4OFF): Geomview's object file format, ASCII.
+"""Read OFF and its kin (COFF, NOFF, STOFF, 4OFF): Geomview's object file format, ASCII.
 
-A vertex or a face is a line; where there are more or fewer lines than that, the file is read word by word.
+Each vertex and each face has a line of its own; where lines end elsewhere, the file is read word by word.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ...arrays import F64, I64
 from .common import Triangles, UnreadableError, check_indices, left_out, lines_of, number, numbers, shown, whole
 from .polygons import triangulate
 
-# Prefixes come in any order. A small n before a large OFF is a number of dimensions.
+# Prefixes come in any order. A lower-case n before OFF means any number of dimensions.
 KEYWORD = re.compile(r"((?:ST|C|N|4)*)OFF", re.IGNORECASE)
 
 
@@ -55,13 +55,13 @@ def read_off(data: bytes) -> Triangles:
 
 
 def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
-    """Takes `OFF` or the like from the first line. Returns whether vertices have colours, normals or texture
-    coordinates too, and whether they have four coordinates."""
+    """Take `OFF` or the like from the first line. Returns whether vertices have colours, normals or texture
+    coordinates, too, and whether they have four coordinates."""
     if not lines:
         raise UnreadableError("holds nothing but comments")
     match = KEYWORD.match(lines[0])
     if not match:
-        return False, False  # the counts alone tell
+        return False, False  # the keyword is optional
     rest = lines[0][match.end() :].strip()
     if rest.lower().startswith("binary"):
         raise UnreadableError("is a binary OFF file, which is not read; save it as ASCII OFF, or as PLY")
@@ -78,15 +78,15 @@ def _take_keyword(lines: list[str], places: list[int]) -> tuple[bool, bool]:
 
 
 def _take_counts(lines: list[str], places: list[int]) -> tuple[int, int]:
-    """Takes the numbers of vertices, faces and, if it is there, edges."""
+    """Take the numbers of vertices, faces and, if present, edges from the first line."""
     if not lines:
         raise UnreadableError("ends before the numbers of vertices and faces")
     words, where = lines[0].split(), f"line {places[0]}"
-    if not 2 <= len(words) <= 3:  # lines end anywhere: the next three words
+    if not 2 <= len(words) <= 3:  # lines end anywhere: take the next three words
         words = " ".join(lines).split(None, 3)
         words, rest = words[:3], words[3:]
         lines[1:], places[1:] = rest, places[:1] * len(rest)
-    if len(words) < 2 or not all(w.isascii() and w.isdigit() for w in words[:2]):  # nobody counts the edges
+    if len(words) < 2 or not all(w.isascii() and w.isdigit() for w in words[:2]):  # edges are not used
         raise UnreadableError(f"{where}: {shown(lines[0])} where the numbers of vertices, faces and edges should stand")
     vertices, faces = (whole(word, where) for word in words[:2])
     del lines[0], places[0]
@@ -100,7 +100,7 @@ def _line_is_a_face(line: str) -> bool:
 
 
 def _vertices(lines: list[str], places: list[int], homogeneous: bool, extra: bool) -> F64:
-    """(N, 3), or (N, 4) with weights; what stands behind the coordinates is not looked at."""
+    """Read vertices (N, 3), or (N, 4) with weights; what follows the coordinates is ignored."""
     columns = 4 if homogeneous else 3
     table = numbers(lines)
     if table is None or table.shape[1] < columns:
@@ -120,7 +120,7 @@ def _vertices(lines: list[str], places: list[int], homogeneous: bool, extra: boo
 
 
 def _faces(lines: list[str], places: list[int]) -> tuple[I64, I64]:
-    """Corners, and how many each face has; the colours behind them are not looked at."""
+    """Read the corners of all faces, and how many each face has; the colours behind them are ignored."""
     table = numbers(lines)
     if table is not None and (table[:, 0] == 3).all() and table.shape[1] >= 4:
         triangles = table[:, 1:4]
@@ -139,7 +139,7 @@ def _faces(lines: list[str], places: list[int]) -> tuple[I64, I64]:
 
 
 def _words(lines: list[str], vertices: int, faces: int, columns: int, extra: bool) -> tuple[F64, I64, I64, int]:
-    """As `_vertices` and `_faces`, of words wherever the lines end; and how many words are left."""
+    """As `_vertices` and `_faces`, word by word wherever lines end; returns also how many words are left."""
     words = " ".join(lines).split()
     short = f"is cut short: {vertices} vertices and {faces} faces are declared, "
     if len(words) < columns * vertices:

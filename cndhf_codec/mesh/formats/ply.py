@@ -1,6 +1,6 @@
-"""PLY, ASCII and binary: vertices, faces and triangle strips (Turk, "The PLY Polygon File Format").
+"""Read PLY, ASCII and binary: vertices, faces and triangle strips (Turk, "The PLY Polygon File Format").
 
-Every element is taken apart as the header declares it; what is then left of the file, or missing, is told.
+Every element is read as the header declares it. Left-over bytes are noted, and missing ones are an error.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 @dataclass(frozen=True)
 class Property:
-    """Of an element. kind: numpy's name of a number's type. count: that of a list's length, or None for one number."""
+    """A property of an element. kind: numpy's name of the numbers' type. count: the type of a list's length, or None
+    for one number."""
 
     name: str
     kind: str
@@ -59,7 +60,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Ragged:
-    """Lists of one property: values (K,), one list after another, and sizes (M,) how many belong to each."""
+    """Lists of one property: values (K,), one list after another, and their lengths (M,)."""
 
     values: npt.NDArray[np.generic]
     sizes: I64
@@ -125,10 +126,10 @@ def _indices(lists: Ragged, name: str) -> tuple[I64, I64]:
 
 
 def _strips(values: I64, sizes: I64) -> I64:
-    """Triangles of strips: every vertex after the second makes one with the two before it, turned round every other
-    time. -1 begins anew."""
+    """Make triangles of strips: every vertex after the second makes one with the two before it, every other one
+    reversed. -1 begins a new strip."""
     out = []
-    # Where strips begin, and where they begin anew: a run of vertices goes from one such place to the next.
+    # Where lists begin, and where strips begin anew: a run of vertices goes from one such place to the next.
     new = np.flatnonzero((values == -1) | (values == 2**32 - 1))  # the latter is -1 in unsigned numbers
     places = np.unique(np.concatenate([[0], np.cumsum(sizes), new, new + 1])).tolist()
     for begin, end in itertools.pairwise(places):
@@ -138,14 +139,14 @@ def _strips(values: I64, sizes: I64) -> I64:
 
 
 def strip_triangles(run: I64) -> I64:
-    """Triangles of one strip of vertex numbers (n,)."""
+    """Make triangles (n - 2, 3) of one strip of vertex numbers (n,)."""
     out = np.stack([run[:-2], run[1:-1], run[2:]], axis=1) if len(run) > 2 else np.empty((0, 3), dtype=np.int64)
     out[1::2] = out[1::2, [1, 0, 2]]
     return out
 
 
 def _header(data: bytes) -> tuple[str, list[Element], int]:
-    """The layout's name, the elements, and where they begin."""
+    """Parse the header: the layout's name, the elements, and the byte at which their data begins."""
     first = re.match(rb"(?:\xef\xbb\xbf)?ply[ \t]*(\r?\n|\r)", data)
     if not first:
         raise UnreadableError("does not begin with a line 'ply'")
@@ -190,7 +191,7 @@ def _property(words: list[str], where: str) -> Property:
 
 
 def _binary(data: bytes, at: int, elements: list[Element], order: str) -> tuple[list[list[Column]], list[str]]:
-    """The columns of every element, and a note on what is behind the last."""
+    """Read the columns of every element, and make a note on what follows the last."""
     out = []
     for element in elements:
         found, alike = None, _alike(data, at, element, order)
@@ -209,7 +210,7 @@ def _short(element: Element) -> UnreadableError:
 
 
 def _alike(data: bytes, at: int, element: Element, order: str) -> list[int] | None:
-    """The lengths of the lists of the first row, as those of all may be; None where they cannot be."""
+    """Read the lengths of the first row's lists, which all rows may share; None where they are impossible."""
     sizes: list[int] = []
     if element.rows:
         for p in element.properties:
@@ -227,7 +228,8 @@ def _alike(data: bytes, at: int, element: Element, order: str) -> list[int] | No
 
 
 def _table(data: bytes, at: int, element: Element, order: str, sizes: list[int]) -> tuple[list[Column] | None, int]:
-    """Columns and bytes of an element whose rows all have lists of the same lengths, or None when they have not."""
+    """Read the columns of an element whose rows all have lists of these lengths, or None when they have not; and its
+    size in bytes."""
     fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
     lengths = iter(sizes or [0] * len(element.lists))
     for k, p in enumerate(element.properties):
@@ -255,7 +257,7 @@ def _table(data: bytes, at: int, element: Element, order: str, sizes: list[int])
 
 
 def _rows(data: bytes, at: int, element: Element, order: str) -> tuple[list[Column], int]:
-    """As `_table`, of rows that have lists of different lengths: one row is found after another."""
+    """As `_table`, for lists of different lengths: finds one row after another."""
     begin, little = at, "little" if order == "<" else "big"
     plan = [(int(p.kind[1]), 0 if p.count is None else int(p.count[1])) for p in element.properties]
     starts: list[list[int]] = [[] for _ in plan]
@@ -264,7 +266,7 @@ def _rows(data: bytes, at: int, element: Element, order: str) -> tuple[list[Colu
         raise _short(element)
     for _ in range(element.rows):
         for (width, count), start, size in zip(plan, starts, sizes, strict=True):
-            # Read as unsigned: a list of -1 numbers becomes too long for the file.
+            # Read as unsigned, a length of -1 is too long for the file.
             n = int.from_bytes(data[at : at + count], little) if count else 1  # type: ignore[arg-type]
             at += count
             start.append(at)
@@ -277,7 +279,7 @@ def _rows(data: bytes, at: int, element: Element, order: str) -> tuple[list[Colu
     for p, begins, lengths in zip(element.properties, starts, sizes, strict=True):
         kind = np.dtype(order + p.kind)
         many = np.array(lengths, dtype=np.int64)
-        # The byte that each number begins at: its list's first, and so many numbers on.
+        # The byte at which each number begins: the list's first byte plus the numbers before it.
         first = np.repeat(np.array(begins, dtype=np.int64) - kind.itemsize * (np.cumsum(many) - many), many)
         where = first + kind.itemsize * np.arange(many.sum())
         values = np.ascontiguousarray(raw[where[:, None] + np.arange(kind.itemsize)]).view(kind).ravel()
@@ -289,7 +291,7 @@ def _rows(data: bytes, at: int, element: Element, order: str) -> tuple[list[Colu
 
 
 def _ascii(data: bytes, elements: list[Element], before: int) -> tuple[list[list[Column]], list[str]]:
-    """As `_binary`, of rows that are lines. before: how many lines the header has."""
+    """As `_binary`, for rows that are lines. before: how many lines the header has."""
     all_lines = lines_of(data, before)
     at = [k for k, line in enumerate(all_lines) if line and not line.isspace()]
     lines = all_lines if len(at) == len(all_lines) else [all_lines[k] for k in at]
@@ -309,7 +311,7 @@ def _ascii(data: bytes, elements: list[Element], before: int) -> tuple[list[list
 
 
 def _uniform(lines: list[str], element: Element) -> list[Column] | None:
-    """Columns when all rows have lists of the same lengths, or None."""
+    """Read the columns of rows whose lists all have the same lengths, or return None."""
     table = numbers(lines)
     if table is None:
         return None
@@ -332,7 +334,7 @@ def _uniform(lines: list[str], element: Element) -> list[Column] | None:
 
 
 def _words(lines: list[str], element: Element, places: list[int]) -> list[Column]:
-    """As `_uniform`, of rows that have lists of different lengths, or something wrong."""
+    """As `_uniform`, for lists of different lengths. Raises UnreadableError for faulty rows."""
     values: list[list[float]] = [[] for _ in element.properties]
     sizes: list[list[int]] = [[] for _ in element.properties]
     for line, place in zip(lines, places, strict=True):

@@ -1,7 +1,7 @@
-"""Polygons to triangles that cover them and nothing else, concave ones too, and use every corner.
+"""Divide polygons, concave ones too, into triangles that cover them and nothing else, and use every corner.
 
-A corner on a straight side, where a neighbour may end, has to be one of a triangle with an area, or the surface opens
-there. earcut gives such corners triangles of no area in half of the polygons that do not lie along the axes.
+A corner on a straight side, where a neighbour may end, must belong to a triangle with an area, or the surface opens
+there. earcut gives such corners triangles without area in half of the polygons that do not lie along the axes.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from ...arrays import F64, I64
 from .common import check_count
 
 FANS = 64  # corners up to which every fan of a polygon is tried before ears are cut
-FEW = 24  # numbers that Python looks at sooner than numpy
-FLAT = 1e-12  # of the squared size: a corner that turns by less does not turn
+FEW = 24  # numbers that Python tests sooner than numpy
+FLAT = 1e-12  # of the squared size: a corner that turns by less counts as straight
 
 
 def triangulate(vertices: F64, corners: I64, sizes: I64) -> tuple[I64, list[str]]:
-    """(T, 3) triangles of polygons, and notes on what could not be done right.
+    """Divide polygons into triangles (T, 3); return also notes on what could not be done right.
 
-    corners: (K,) vertex numbers, one polygon after another; sizes: (M,) how many belong to each. Every polygon is seen
-    along its mean normal (Newell's). Polygons of fewer than three corners are left out, with a note.
+    corners: (K,) vertex numbers, one polygon after another. sizes: (M,) how many belong to each. Every polygon is
+    projected along its mean normal (Newell's). Polygons of fewer than three corners are left out, with a note.
     """
     check_count(int(np.maximum(sizes - 2, 0).sum()))
     starts = np.cumsum(sizes) - sizes
@@ -37,7 +37,7 @@ def triangulate(vertices: F64, corners: I64, sizes: I64) -> tuple[I64, list[str]
             out.append(rows)
             continue
         points = vertices[rows]
-        with np.errstate(over="ignore", invalid="ignore"):  # what is too large is told later, with the mesh's size
+        with np.errstate(over="ignore", invalid="ignore"):  # too large numbers are reported with the mesh's size
             flat = _projected(points)
             fans, left = _fans(rows, flat) if n <= FANS else (rows[:0, :3], np.arange(len(rows)))
         out.append(fans)
@@ -58,7 +58,7 @@ def triangulate(vertices: F64, corners: I64, sizes: I64) -> tuple[I64, list[str]
 
 
 def _projected(points: F64) -> F64:
-    """(M, n, 2) polygons (M, n, 3) as seen along their mean normals, turning to the left; of size about one."""
+    """Project polygons (M, n, 3) along their mean normals, to (M, n, 2): they turn left, and their size is about 1."""
     points = points - points[:, :1]
     size = np.abs(points).max(axis=(1, 2))
     points = points / np.where(size > 0, size, 1)[:, None, None]
@@ -73,10 +73,10 @@ def _projected(points: F64) -> F64:
 
 
 def _fans(rows: I64, flat: F64) -> tuple[I64, I64]:
-    """Triangles of the polygons (M, n) that a fan from one of their corners covers, and the numbers of the others.
+    """Divide polygons (M, n) that a fan from one of their corners covers; return also the numbers of the others.
 
-    A fan is right when all of its triangles turn to the left and their angles at the corner add up to less than a whole
-    turn. Convex polygons are fans from their first corner, as most programs draw them.
+    A fan is right when all of its triangles turn left and their angles at the corner add up to less than a whole turn.
+    Convex polygons become fans from their first corner, as most programs draw them.
     """
     n = rows.shape[1]
     out, left = [rows[:0, :3]], np.arange(len(rows))
@@ -97,12 +97,12 @@ def _fans(rows: I64, flat: F64) -> tuple[I64, I64]:
 
 
 def _ears(points: list[list[float]]) -> tuple[list[tuple[int, int, int]], bool]:
-    """Triangles (corner numbers) of one polygon by cutting ears, the one with the shortest cut first, and whether all
-    were ears: they are of every polygon whose sides do not meet.
+    """Divide one polygon by cutting ears, the one with the shortest cut first.
 
-    An ear is a corner that turns to the left, and in whose triangle no corner lies that does not.
+    An ear is a corner that turns left and whose triangle holds no corner that does not. Returns triangles of corner
+    numbers, and whether all were ears, as in every polygon whose sides do not meet.
     """
-    ring = [k for k in range(len(points)) if points[k] != points[k - 1]]  # doubled corners are one
+    ring = [k for k in range(len(points)) if points[k] != points[k - 1]]  # repeated corners count once
     if len(ring) < 3:
         return [], True
     after = dict(zip(ring, ring[1:] + ring[:1], strict=True))
@@ -112,10 +112,10 @@ def _ears(points: list[list[float]]) -> tuple[list[tuple[int, int, int]], bool]:
     for k in ring:
         if turns[k] <= FLAT:
             blunt.add(k)
-    cuts: dict[int, float] = {}  # squared lengths, infinite for what is no ear
-    waiting: list[tuple[float, int]] = []  # a heap of those that are finite, and of some that are no longer so
-    blocked: dict[int, list[int]] = {}  # by the blunt corners at which place
-    freed: set[int] = set()  # may be ears, since what blocked them is no longer blunt
+    cuts: dict[int, float] = {}  # squared lengths of cuts, infinite where a corner is no ear
+    waiting: list[tuple[float, int]] = []  # a heap of the finite cuts, and of some that are out of date
+    blocked: dict[int, list[int]] = {}  # place of a blunt corner -> corners that it keeps from being ears
+    freed: set[int] = set()  # corners that may be ears, since what blocked them is no longer blunt
 
     def look(k: int) -> None:
         cuts[k] = np.inf
@@ -170,12 +170,12 @@ def _ears(points: list[list[float]]) -> tuple[list[tuple[int, int, int]], bool]:
 
 
 def _turn(a: list[float], b: list[float], c: list[float]) -> float:
-    """Twice the area of a triangle, positive when it turns to the left."""
+    """Twice the area of a triangle, positive when it turns left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 class _Blunt:
-    """Where the corners of a polygon are that do not turn to the left, sorted by their first coordinates."""
+    """The places of a polygon's blunt corners, which do not turn left, sorted by their first coordinates."""
 
     def __init__(self, points: list[list[float]]) -> None:
         places = sorted({(x, y) for x, y in points})
@@ -184,7 +184,7 @@ class _Blunt:
         self._places, self._x = places, [x for x, _ in places]
         self._array = np.array(places).T.copy()
         self._at = [set[int]() for _ in places]
-        self._any = bytearray(len(places))  # whether there is one
+        self._any = bytearray(len(places))  # whether the place has a blunt corner
         self._mask = np.frombuffer(self._any, dtype=np.bool_)
 
     def add(self, corner: int) -> None:
@@ -193,7 +193,7 @@ class _Blunt:
         self._any[place] = 1
 
     def discard(self, corner: int) -> int | None:
-        """The place, if this was the last one there."""
+        """Forget a corner; return its place, if this was the last blunt corner there."""
         place = self._of[corner]
         if corner not in self._at[place]:
             return None
@@ -202,7 +202,7 @@ class _Blunt:
         return None if self._at[place] else place
 
     def within(self, a: int, b: int, c: int) -> int | None:
-        """A place of some in the triangle of these corners, which is none of theirs."""
+        """Find a place of blunt corners in the triangle of these corners, other than their own places."""
         own = [self._of[k] for k in (a, b, c)]
         (ax, ay), (bx, by), (cx, cy) = (self._places[k] for k in own)
         begin = bisect.bisect_left(self._x, min(ax, bx, cx) - FLAT)

@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes: a format that is read, or one that is not, with the remedy."""
+"""Recognise a file by its first bytes: as a format that is read, or as one that is not, with the remedy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from . import stl, threemf
 from .common import UnreadableError
 
-# First bytes of what is not read: its name, and what to do.
+# First bytes of formats that are not read, their names, and what to do.
 CONVERT = "convert it to GLB, OBJ, PLY or STL"
 FOREIGN: list[tuple[bytes, str, str]] = [
     (b"version https://git-lfs.github.com", "a Git LFS pointer, not the mesh itself", "run: git lfs pull"),
@@ -50,7 +50,7 @@ BOM = b"\xef\xbb\xbf"
 
 
 def check_foreign(data: bytes) -> None:
-    """Raise UnreadableError when the bytes are nothing, or of a kind that is not read."""
+    """Raise UnreadableError when there are no bytes, or bytes of a kind that is not read."""
     if not data.strip():
         raise UnreadableError("is empty" if not data else "holds nothing but white space")
     start = data[:LOOKED_AT].removeprefix(BOM).lstrip()
@@ -67,8 +67,8 @@ def check_foreign(data: bytes) -> None:
 
 
 def recognise(data: bytes) -> str | None:
-    """The format that the bytes are of beyond doubt: "ply", "glb", "gltf", "3mf", "stl" or "off"; "obj" where its
-    first statement is one of OBJ's; else None."""
+    """Name the format of the bytes: "ply", "glb", "gltf", "3mf", "stl" or "off" beyond doubt; "obj" where the first
+    statement is one of OBJ's; else None."""
     if stl.is_binary(data):
         return "stl"
     if data.startswith(b"glTF"):

@@ -1,4 +1,4 @@
-"""STL. A file is binary when it is as long as its count of triangles says, whatever it begins with; else ASCII."""
+"""Read STL. A file is binary when it is as long as its count of triangles says, whatever it begins with; else ASCII."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...arrays import F64
 from .common import Triangles, UnreadableError, number, shown
 
 HEADER, RECORD = 84, 50
-ENOUGH = 2**12  # bytes that tell text from numbers
+ENOUGH = 2**12  # first bytes, which tell ASCII from binary
 COORDINATES = rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
 FACET = re.compile(
     rb"\s*facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop" + 3 * COORDINATES + rb"\s+endloop\s+endfacet(?!\S)",
@@ -24,7 +24,7 @@ BEGIN, END = (
 
 
 def is_binary(data: bytes) -> bool:
-    """Whether the bytes are as many as the count of triangles in them says."""
+    """Whether the length of the bytes agrees with the count of triangles in them."""
     return len(data) >= HEADER and len(data) == HEADER + RECORD * _count(data)
 
 
@@ -50,7 +50,7 @@ def read_stl(data: bytes) -> Triangles:
 
 
 def _text(data: bytes) -> bytes:
-    """Without a byte order mark, and without what old programs end a text with."""
+    """Remove a byte order mark, and what old programs end a text with."""
     return data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\0\x1a \t\r\n")
 
 
@@ -87,7 +87,7 @@ def _soup(corners: F64, notes: list[str]) -> Triangles:
 
 
 def _ascii(data: bytes) -> Triangles:
-    """Solids one after another: `solid NAME`, facets, `endsolid NAME`."""
+    """Read solids one after another: `solid NAME`, facets, `endsolid NAME`."""
     words: list[bytes] = []
     starts: list[int] = []
     notes: list[str] = []
@@ -126,7 +126,7 @@ def _ascii(data: bytes) -> Triangles:
 
 
 def _number(word: bytes, data: bytes, at: int) -> float:
-    """As `number`; the line of the facet at this byte is looked for only when it is to be told: that takes long."""
+    """As `number`; the line of the facet at this byte is found only for an error, since that takes long."""
     try:
         return number(word.decode("latin-1"), "")
     except UnreadableError:
@@ -134,14 +134,14 @@ def _number(word: bytes, data: bytes, at: int) -> float:
 
 
 def _line(data: bytes, at: int) -> int:
-    """The number of the line that the next word is on."""
+    """The number of the line that holds the next word."""
     at += len(data[at:]) - len(data[at:].lstrip())
     before = data[:at].replace(b"\r\n", b"\n")
     return before.count(b"\n") + before.count(b"\r") + 1
 
 
 def _out_of_place(data: bytes, at: int, rest: list[bytes], inside: bool) -> UnreadableError:
-    """The error of what is neither facet nor the end of a solid, or stands between solids."""
+    """Make the error for a word in a wrong place: neither a facet nor the end of a solid, or between solids."""
     line, word = _line(data, at), rest[0].decode("latin-1")
     if word.lower() == "facet" and b"endfacet" not in data[at:].lower():
         return UnreadableError(f"line {line}: the file is cut short within a facet")

@@ -1,4 +1,4 @@
-"""3MF: the items that are to be built, with components and transforms (3MF core specification 1.3, and production)."""
+"""Read 3MF: the build items, with components and transforms (3MF core specification 1.3, and production)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .common import Triangles, UnreadableError, check_count, check_indices, join
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-# Namespaces of extensions that may be required: they say what surfaces look like, and how they are sliced.
+# Namespaces of extensions that a file may require: they say what surfaces look like, and how they are sliced.
 KNOWN = {
     CORE,
     PRODUCTION,
@@ -26,13 +26,13 @@ KNOWN = {
     "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
 }
 MOST_BYTES = 2**31  # of a model, unpacked
-DEEPEST = 32  # components within components
+DEEPEST = 32  # most levels of components within components
 ROOT, RELATIONS = "3d/3dmodel.model", "_rels/.rels"
 
 
 @dataclass
 class Object3MF:
-    """A mesh, or other objects with transforms (4, 3), by their part and number."""
+    """A mesh, or components: other objects, by part and number, with transforms (4, 3)."""
 
     kind: str
     vertices: list[float] = field(default_factory=list)
@@ -63,7 +63,7 @@ class _Package:
         self._triangles = self._vertices = self._copies = self._others = 0
 
     def root(self) -> str:
-        """The part that the package's relationships name as the model, or the usual one."""
+        """Find the part that the package's relationships name as the model, or the usual one."""
         if RELATIONS in self._names:
             for relation in re.findall(rb"<Relationship\b[^>]*>", self._bytes(RELATIONS)):
                 target = re.search(rb"\bTarget\s*=\s*[\"']([^\"']+)", relation)
@@ -132,7 +132,7 @@ class _Package:
 
 
 def _key(name: str) -> str:
-    """A part's name without what makes no difference (OPC: case, the slash before it)."""
+    """Normalise a part's name: in OPC, case and a leading slash make no difference."""
     return posixpath.normpath(name).lstrip("/").lower()
 
 
@@ -146,7 +146,7 @@ def _mesh(found: Object3MF, name: str) -> Triangles:
 
 
 def _product(inner: F64 | None, outer: F64 | None) -> F64 | None:
-    """The inner transform, then the outer one. Rows are vectors, as in the file."""
+    """Apply the inner transform, then the outer one. Vectors are rows, as in the file."""
     if inner is None or outer is None:
         return inner if outer is None else outer
     out = inner @ outer[:3]
@@ -157,14 +157,14 @@ def _product(inner: F64 | None, outer: F64 | None) -> F64 | None:
 def _moved(mesh: Triangles, transform: F64 | None) -> Triangles:
     if transform is None:
         return mesh
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a determinant of NaN can
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a determinant of NaN can divide by zero
         vertices = mesh.vertices @ transform[:3] + transform[3]
         mirrored = np.linalg.det(transform[:3]) < 0
     return Triangles(vertices, mesh.faces[:, ::-1] if mirrored else mesh.faces)
 
 
 class _Part:
-    """One model part: its objects, and the items that it wants built."""
+    """One model part: its objects and its build items."""
 
     def __init__(self, name: str, text: bytes) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""What batches are drawn from."""
+"""The active set: what batches are drawn from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which axes are taken, and after which trials."""
+"""Choice of axes by costs and by trials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointly import SMALL, job_of, quiet
 from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.dhf.axes import trials
 from cndhf_codec.encoder.dhf.axes.costs import AxisCosts
-from cndhf_codec.encoder.dhf.axes.trials import Round, Trial
+from cndhf_codec.encoder.dhf.axes.trials import Trial, TrialRound
 from cndhf_codec.encoder.dhf.job import Plan
 from cndhf_codec.encoder.dhf.widths import widths_for
 from cndhf_codec.encoder.thread_pool import ThreadPool
@@ -78,7 +78,7 @@ def test_threads_do_not_change_which_trials_count(solid, monkeypatch):
         tried.clear()
         with ThreadPool(threads) as pool:
             job = replace(job_of(solid, SMALL), threads=pool)
-            results.append(trials._compare(job, plans, [None] * 5, Round(10, 1.0, 0), Deadline(), quiet))
+            results.append(trials._compare(job, plans, [None] * 5, TrialRound(10, 1.0, 0), Deadline(), quiet))
         assert sorted(tried) == ([0.01, 0.02] if threads == 1 else [0.01, 0.02, 0.3])
     errors = results[0][0]
     assert errors == pytest.approx([0.11, np.inf, 0.12, np.inf, np.inf])
@@ -99,7 +99,7 @@ def test_a_width_is_taken_as_given(solid):
 
 
 def slotted() -> Solid:
-    """A cube of side 1 with a slot: half of it deep in x, all of it wide in y, a fifth of it high."""
+    """A cube of side 1 with a slot 1/2 deep in x, as wide as the cube in y, and 1/5 high."""
     cube = trimesh.creation.box((1, 1, 1))
     slot = trimesh.creation.box((0.5, 2, 0.2), trimesh.transformations.translation_matrix((0.25001, 0, 0)))
     mesh = read_mesh(trimesh.boolean.difference([cube, slot], engine="manifold").subdivide())
@@ -127,7 +127,7 @@ def test_sets_that_must_leave_more_than_others_reach_are_not_tried(monkeypatch):
         return Trial(plan.error_lower_bound + 0.001, plan.shares, None)
 
     def bounds_tried(*sets: int) -> list[float]:
-        """Axes from the end; the last set is tried first."""
+        """Error lower bounds of the plans, in the order of trials. sets: axes from the end; the last is tried first."""
         tried.clear()
         monkeypatch.setattr(AxisCosts, "sets", lambda self, count: [[len(self.axes) - k] for k in sets])
         trials.make_plan(job_of(solid, replace(SMALL, target_size=1024, max_axes=1)), Deadline())

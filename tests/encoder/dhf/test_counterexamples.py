@@ -1,4 +1,4 @@
-"""What is wrong between the samples is found."""
+"""The counterexample search finds what is wrong between samples."""
 
 from __future__ import annotations
 

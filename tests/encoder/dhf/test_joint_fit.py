@@ -50,7 +50,7 @@ def test_the_joint_fit_lowers_the_loss_and_keeps_what_is_held(samples, clear, fr
 
 @pytest.fixture
 def rates(monkeypatch) -> list[np.ndarray]:
-    """(K,) learning rates of the steps after the first, which only sets up the eigenbases."""
+    """Learning rates (K,) of each step after the first, which only sets up the eigenbases."""
     seen: list[np.ndarray] = []
     real = Soap.plan
 

@@ -1,4 +1,4 @@
-"""The compiled evaluation beside torch."""
+"""The compiled evaluation against torch."""
 
 from __future__ import annotations
 

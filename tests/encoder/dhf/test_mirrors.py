@@ -1,4 +1,4 @@
-"""Mirror planes: found where they are, and made use of."""
+"""Mirror planes are found where they are, and used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fit of one small sphere: it learns, repeats itself, stops when told, and says so when it diverges."""
+"""The single fit of a small sphere: it learns, repeats exactly, stops when told, and reports when it diverges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounding to a size: the aim follows what the last attempt came to, and artifacts decide between attempts."""
+"""Rounding to a size: the aim follows the size of the last attempt, and artifacts decide between attempts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROOM = SIZE - to_size.FILE_BYTES - 30 - 2 * to_size.RECORD_BYTES
 
 
 class Attempts:
-    """Stands for the rounding: what each attempt aims at, and what it comes to."""
+    """In place of the rounding: records what each attempt aims at, and gives it a size and artifacts."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, sizes: list[float], artifacts: list[int]) -> None:
         self.aims: list[float] = []

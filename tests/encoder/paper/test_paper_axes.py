@@ -1,4 +1,4 @@
-"""Axis selection: candidates, visibility of shapes that can be reasoned about, rarity, greedy choice."""
+"""Axis selection: candidates, visibility on simple shapes, rarity, greedy choice."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ CONVEX = [trimesh.creation.icosphere(3, 0.9), trimesh.creation.box((1, 0.5, 0.8)
 
 
 def parallel(solid: Solid, directions) -> np.ndarray:
-    """Faces that a direction lies in the plane of: whether they are seen is a matter of rounding."""
+    """Faces whose planes hold the direction: whether they are seen depends on float rounding."""
     return np.abs(directions @ solid.normals.T) < 1e-2
 
 

@@ -1,1 +1,1 @@
-"""Which axes the double height fields look along, and how wide their networks are."""
+"""Choose the axes of the double height fields, by their costs and by trials."""

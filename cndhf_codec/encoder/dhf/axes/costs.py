@@ -1,8 +1,8 @@
-"""Axes that serve the error: sets of axes chosen by what the intersection of their exact height fields leaves.
+"""Choose sets of axes by the error that the intersection of their exact height fields leaves.
 
-The cost of an axis at a surface point is the error that a height field along it leaves there: how much it fills in
-front of the point, and, where it sees the point, a little more the more slantwise it sees it. A point costs what it
-costs on the best axis of the set.
+The cost of an axis at a surface point is the error that a height field along it leaves there. Where the axis does not
+see the point, it is the length filled in front of the point. Where it does, it is a little that grows with the slant. A
+set costs at each point what its best axis costs.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ DIRECTIONS = 200  # on the whole sphere; an axis and its opposite are the same, 
 N_ALIGNED = 6  # the last of the candidates: coordinate and principal axes
 DIRECTIONS_IN_PLANE = 16  # in a mirror plane
 SURFACE_POINTS = 20_000
-SLANT_COST = 2e-4  # of a point seen at a cosine of 1/2 (normalised units)
+SLANT_COST = 2e-4  # of a point that is seen at a cosine of 1/2 (normalised units)
 LEAST_COSINE = 0.1
-IN_FRONT = 1e-3  # how far in front of a hidden point is looked at (normalised units)
+IN_FRONT = 1e-3  # distance in front of a hidden point at which the solid is looked for (normalised units)
 
 
 class AxisCosts:
-    """Cost of every candidate axis at every sample of the surface. planes: the solid's mirror planes."""
+    """Costs of all candidate axes at samples of the surface. planes: the solid's mirror planes."""
 
     def __init__(self, solid: Solid, seed: int, threads: ThreadPool, planes: Sequence[MirrorPlane] = ()) -> None:
         points, normals = solid.sample(SURFACE_POINTS, np.random.default_rng(seed))
@@ -42,16 +42,16 @@ class AxisCosts:
         self.costs, self._seen, self._depths = (np.stack(part) for part in zip(*rows, strict=True))
         self._points = points
         hidden = np.flatnonzero(~self._seen.any(axis=0))
-        # What has solid on both sides (parts within others, where parts overlap) bounds nothing, and is not missed.
+        # A face with solid on both sides (of parts that overlap or lie in others) bounds nothing, and is not missed.
         bounds = ~solid.contains(points[hidden] + IN_FRONT * normals[hidden])
         self.visible = 1 - float(bounds.sum()) / len(points) if len(hidden) < len(points) else 0.0
 
     def sets(self, count: int) -> list[list[int]]:
-        """Sets of `count` axes to choose from: the one of least mean cost, the one with the best aligned axis, and that
-        of axes in and across mirror planes.
+        """Propose sets of `count` axes: the one of least mean cost, the one that includes the best aligned axis, and
+        the one of axes within and across mirror planes.
 
-        Along the edges of a mechanical part heights are constant, and walls are silhouettes: networks learn that much
-        faster than what the exact height fields of slanted axes would say. In a mirror plane, they learn a half.
+        Along the edges of a mechanical part heights are constant, and walls are silhouettes: networks learn these much
+        faster than the heights along slanted axes. Along an axis within a mirror plane, they learn one half only.
         """
         aligned = min(self._aligned, key=lambda k: self.mean_cost([k]))
         sets = [self.best(count), self.best(count, [aligned])]
@@ -60,8 +60,8 @@ class AxisCosts:
         return [s for k, s in enumerate(sets) if sorted(s) not in map(sorted, sets[:k])]
 
     def best(self, count: int, given: Sequence[int] = (), among: Sequence[int] | None = None) -> list[int]:
-        """The `count` axes of least mean cost, some of them given, the rest from `among` (all, when None): greedy, then
-        single exchanges until none helps; largest share first."""
+        """Choose `count` axes of least mean cost, some of them given, the rest from `among` (by default all). It is a
+        greedy choice, then single exchanges until none helps. The axis with the largest share comes first."""
         pool = np.arange(len(self.axes)) if among is None else np.array(among)
         chosen = list(given)
         while len(chosen) < count:
@@ -71,21 +71,25 @@ class AxisCosts:
             for k in range(len(given), count):
                 others = chosen[:k] + chosen[k + 1 :]
                 chosen[k] = int(pool[np.argmin(self._with(others)[pool])])
-            if not self.mean_cost(chosen) < before * 0.999:  # nor where there is nothing left to gain
+            if not self.mean_cost(chosen) < before * 0.999:  # stops at a cost of 0, too
                 return self._ordered(chosen)
 
     def mean_cost(self, chosen: list[int]) -> float:
         return float(self.costs[chosen].min(axis=0).mean())
 
     def error_lower_bound(self, chosen: list[int]) -> float:
-        """About the mean error that the exact height fields leave: one of its two directions sees what they fill."""
+        """Estimate the mean error that the exact height fields leave. Only one of the two directed distances in it sees
+        what they fill."""
         costs, seen = self.costs[chosen], self._seen[chosen]
         best = costs.argmin(axis=0), np.arange(costs.shape[1])
         return float(np.where(seen[best], 0, costs[best]).mean()) / 2
 
     def depth(self, chosen: list[int]) -> float:
-        """Mean distance of the whole surface from that of the intersection of exact height fields: a point that none of
-        the axes sees lies within solid, as deep as along one of them, or as it is far from what they see."""
+        """Measure the mean distance of the surface from that of the exact height fields' intersection.
+
+        A point that no axis sees lies within solid. Its depth is the least along the axes, or its distance from the
+        nearest point that they see, if that is less.
+        """
         seen = self._seen[chosen].any(axis=0)
         if not 0 < seen.sum() < seen.size:
             return 0.0
@@ -98,11 +102,11 @@ class AxisCosts:
         return float(self._seen[chosen].any(axis=0).mean())
 
     def shares(self, chosen: list[int]) -> F64:
-        """(count,) share of the surface for which each axis is the best of the set."""
+        """(count,) share of the surface for which each axis is the best."""
         return np.bincount(self.costs[chosen].argmin(axis=0), minlength=len(chosen)) / self.costs.shape[1]
 
     def _with(self, chosen: list[int]) -> F64:
-        """Mean cost of the set and each candidate."""
+        """Mean cost of the set with each candidate added, (candidates,)."""
         if not chosen:
             return self.costs.mean(axis=1)
         return np.minimum(self.costs, self.costs[chosen].min(axis=0)).mean(axis=1)
@@ -119,7 +123,7 @@ def _candidates(solid: Solid) -> F64:
 
 
 def _within(planes: Sequence[MirrorPlane]) -> F64:
-    """Axes across the planes, all around within them, and where two planes meet."""
+    """List axes (N, 3) across the planes, all around within them, and along the lines where two planes meet."""
     axes = [np.empty((0, 3))]
     angles = np.arange(DIRECTIONS_IN_PLANE) * (np.pi / DIRECTIONS_IN_PLANE)
     for plane in planes:
@@ -132,8 +136,8 @@ def _within(planes: Sequence[MirrorPlane]) -> F64:
 
 
 def _cost(solid: Solid, points: F64, normals: F64, axis: F64) -> tuple[F64, Mask, F64]:
-    """(N,) cost of the axis at each point, whether the axis sees the point, and how deep below the surface it is along
-    the axis where it does not."""
+    """Measure, at each point, the cost of the axis (N,), whether the axis sees the point (N,), and, where it does not,
+    how deep in the filled solid the point is along the axis (N,)."""
     seen = solid.visible_along(axis, points, normals)
     cosine = np.clip(np.abs(normals @ axis), LEAST_COSINE, 1)
     cost = SLANT_COST * (1 / cosine - 1)

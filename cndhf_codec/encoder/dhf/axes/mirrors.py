@@ -1,4 +1,4 @@
-"""Mirror planes of a solid: a height field along an axis within one needs to tell only a half of its heights."""
+"""Find mirror planes of a solid: a height field along an axis within one needs to store only half of its heights."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ....mesh.solid import Solid
 from ..frames import Frame, frame_for_axis, frame_for_quaternion
 
 # Evidence for these constants: ADR 006.
-MOST_ERROR = 3e-4  # mean distance of the surface from its mirror image up to which a plane counts (normalised units)
+MOST_ERROR = 3e-4  # most mean distance of the surface from its image in a mirror plane (normalised units)
 MIRRORED_POINTS = 20_000
-SPACING = 1.5  # times the samples' own distance from each other that those of a mirror image may be from them
-SQUARE = 0.01  # cosine up to which two planes stand at right angles
+SPACING = 1.5  # samples of the image may be so many times as far from those of the surface as these from each other
+SQUARE = 0.01  # most cosine between planes at right angles
 
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlane:
-    """The points p with normal . p = offset, normalised frame. error: mean distance of the surface from its mirror
-    image."""
+    """A mirror plane, the points p of the normalised frame with normal . p = offset. error: mean distance of the
+    surface from its mirror image."""
 
     normal: F64
     offset: float
@@ -31,11 +31,11 @@ class MirrorPlane:
 
 
 def mirror_planes(solid: Solid, seed: int) -> list[MirrorPlane]:
-    """Planes that the solid is its own mirror image in, nearly or exactly, at right angles to each other; the one of
-    the least error first.
+    """Find planes in which the solid is its own mirror image, exactly or nearly. They are at right angles to each
+    other; the one of least error comes first.
 
     Such a plane goes through the centroid of the surface, and its normal is a principal axis of the surface's second
-    moments. Where two of these are as large, axes are any that are at right angles: coordinate axes are tried too.
+    moments. Where two moments are equal, their axes are arbitrary, so coordinate axes are tried, too.
     """
     centroid, axes = _moments(solid)
     rng = np.random.default_rng(seed)
@@ -58,7 +58,7 @@ def mirror_planes(solid: Solid, seed: int) -> list[MirrorPlane]:
 
 
 def frame_with_mirrors(axis: F64, vertices: F64, planes: list[MirrorPlane]) -> Frame:
-    """As `frame_for_axis`, with u and v across those of the planes that the axis lies in."""
+    """Make a frame as `frame_for_axis`, but with u and v across the planes that hold the axis, and mirrored there."""
     across = [p for p in planes if abs(p.normal @ axis) < 1e-9][:2]
     if not across:
         return frame_for_axis(axis, vertices)
@@ -68,7 +68,7 @@ def frame_with_mirrors(axis: F64, vertices: F64, planes: list[MirrorPlane]) -> F
     frame = frame_for_quaternion(transform.as_quat(), vertices)
     lo, hi = list(frame.box[0::2]), list(frame.box[1::2])
     for k, plane in enumerate(across):
-        # The middle of the box is the plane, to half a step.
+        # The plane is the middle of the box, to half a step.
         twice = round(2 * plane.offset * float(rotation[k] @ plane.normal) / BOX_STEP)
         hi[k] = max(hi[k], twice - lo[k])
         lo[k] = twice - hi[k]
@@ -76,7 +76,7 @@ def frame_with_mirrors(axis: F64, vertices: F64, planes: list[MirrorPlane]) -> F
 
 
 def _moments(solid: Solid) -> tuple[F64, F64]:
-    """Centroid of the surface, and the principal axes of its second moments, (3, 3) in rows."""
+    """Centroid (3,) of the surface, and the principal axes of its second moments, (3, 3) in rows."""
     corners = solid.vertices[solid.faces]
     total = corners.sum(axis=1)
     weights = solid.areas / solid.areas.sum()

@@ -1,4 +1,4 @@
-"""Trials: short fits that tell which set of axes, and how many of them, to take."""
+"""Choose the set of axes, and how many there are, by trials: short fits."""
 
 from __future__ import annotations
 
@@ -26,18 +26,21 @@ from .mirrors import frame_with_mirrors, mirror_planes
 
 # Evidence for these constants: ADR 005.
 TRIAL_SAMPLES, TRIAL_CLEAR_CELLS, TRIAL_TARGET_RESOLUTION = 100_000, 24, 256  # settings of a trial
-TRIAL_SURFACE_RESOLUTION, TRIAL_MEASURED_POINTS = 96, 20_000  # of the surface that a trial's error is measured on
-SHRINK = 0.36  # what the whole fit leaves of a trial's error, less the error lower bound
-SHRINK_PER_AXIS = 0.94  # times as much of it per axis above two: narrow networks have more to learn after a trial
-# The best few are tried again, for longer, where their errors are at most so many times the least.
+TRIAL_SURFACE_RESOLUTION, TRIAL_MEASURED_POINTS = 96, 20_000  # of the surface that a trial's error is measured with
+SHRINK = 0.36  # share that the whole fit leaves of a trial's error above the error lower bound
+SHRINK_PER_AXIS = 0.94  # times that share per axis above two: narrow networks have more to learn after a trial
+# The best few sets, with errors of less than FINALIST_RATIO times the least, are tried again, LONGER times as long.
 FINALISTS, FINALIST_RATIO, LONGER, LONGER_SHRINK = 3, 1.5, 4, 0.5
-ABREAST = 2  # trials at a time, where there are threads for them: what each does outside its steps takes one thread
+ABREAST = 2  # trials at a time, if there are threads for them: outside its steps a trial uses one thread
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """error: mean error (normalised) after a short fit; infinite when it leaves nothing, or a field is idle. shares: of
-    the loss, which each field answers for then. start: the networks fitted alone."""
+    """The result of a short fit.
+
+    error: mean error (normalised units); infinite where the solid is empty or a field is idle. shares: share of the
+    loss that each field answers for. start: the networks after their single fits.
+    """
 
     error: float
     shares: list[float]
@@ -45,9 +48,12 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Round:
-    """How plans are compared: steps of the trials, what the whole fit leaves of their errors, and for how many trials
-    more the deadline shall leave time."""
+class TrialRound:
+    """How plans are compared.
+
+    steps: joint steps of each trial. shrink: share that the whole fit leaves of their errors (as SHRINK). reserve:
+    number of later trials of this length for which the deadline must leave time.
+    """
 
     steps: int
     shrink: float
@@ -62,10 +68,10 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
         raise OptionError(f"a target size of {settings.target_size} bytes is too small for one double height field")
     if len(options) == 1 or settings.trial_steps == 0:
         return options[-1]
-    # Most axes first: their errors then often spare a trial with fewer, whose error lower bound is above them.
+    # Most axes first: a set of fewer needs no trial where its error lower bound is above their errors.
     options.reverse()
     report = job.stage("plan", len(options) + FINALISTS)
-    first = Round(settings.trial_steps, SHRINK, FINALISTS * LONGER)
+    first = TrialRound(settings.trial_steps, SHRINK, FINALISTS * LONGER)
     errors, trials = _compare(job, options, [None] * len(options), first, deadline, report)
     order = np.argsort(errors, kind="stable")[:FINALISTS]
     close = [k for k in order if errors[k] < FINALIST_RATIO * errors[order[0]]] or [order[0]]
@@ -76,14 +82,14 @@ def make_plan(job: Job, deadline: Deadline) -> Plan:
     def report_later(done: int, error: float) -> None:
         report(len(options) + done, error)
 
-    final = Round(settings.trial_steps * LONGER, LONGER_SHRINK, 0)
+    final = TrialRound(settings.trial_steps * LONGER, LONGER_SHRINK, 0)
     errors, trials = _compare(job, finalists, [trials[k].start for k in close], final, deadline, report_later)
     best = int(np.argmin(errors))
     return with_shares(finalists[best], trials[best].shares, job)
 
 
 def _options(job: Job) -> list[Plan]:
-    """Plans of one axis, of two, and so on."""
+    """Propose plans of one axis, of two, and so on."""
     settings = job.settings
     job.stage("axes", 1)
     planes = mirror_planes(job.solid, job.seed)
@@ -108,12 +114,12 @@ def _compare(
     job: Job,
     plans: list[Plan],
     starts: list[Networks | None],
-    of: Round,
+    of: TrialRound,
     deadline: Deadline,
     report: Callable[[int, float], None],
 ) -> tuple[list[float], list[Trial]]:
-    """Predicted error of every plan, and its trial, ABREAST side by side. A plan whose error lower bound is above the
-    error of a plan before it is spared, and has an infinite error."""
+    """Try all plans, ABREAST at a time; return their predicted errors and their trials. A plan whose error lower bound
+    is not below the predicted error of an earlier one is not tried, and has an infinite error."""
     errors: list[float] = []
     trials: list[Trial] = []
     abreast = min(ABREAST, job.threads.threads)
@@ -130,7 +136,7 @@ def _compare(
 
         trials += job.threads.map(run, some)
         for k in some:
-            # Threads do not change who is spared.
+            # Spare the same plans with any number of threads.
             spared = plans[k].error_lower_bound >= min(errors, default=math.inf)
             errors.append(math.inf if spared else predicted_error(plans[k], trials[k].error, of.shrink))
         report(len(errors), min(errors))
@@ -138,13 +144,13 @@ def _compare(
 
 
 def predicted_error(plan: Plan, trial: float, shrink: float) -> float:
-    """Error of a whole fit, from a trial's: the error lower bound stays, and a share of the rest."""
+    """Predict the error of a whole fit from a trial's: the error lower bound stays, and a share of the rest."""
     bound = plan.error_lower_bound
     return bound + shrink * SHRINK_PER_AXIS ** (len(plan.frames) - 2) * (trial - bound)
 
 
 def _trial(job: Job, plan: Plan, steps: int, deadline: Deadline, start: Networks | None) -> Trial:
-    """start: what an earlier trial of the plan began with."""
+    """Try a plan. start: the networks that an earlier trial of it began with, if there was one."""
     short = replace(
         job.settings,
         steps=job.settings.trial_steps // 3,

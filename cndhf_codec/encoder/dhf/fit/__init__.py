@@ -1,1 +1,1 @@
-"""Training: each double height field alone on height targets, then all together on samples of the solid."""
+"""Train the networks: each double height field alone on height targets, then all together on samples of the solid."""

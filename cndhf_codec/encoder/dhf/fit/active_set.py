@@ -1,12 +1,10 @@
-"""The active set of a joint fit: the samples that cost something, or soon may, and the fields that have a say in them.
+"""The active set of a joint fit: the samples that cost something, or soon may, and the fields that matter to them.
 
-Most samples of space cost nothing, and most fields are far from most samples. A refresh finds what matters to some
-networks until f has changed by a tolerance; batches are drawn from that until the next one.
+Most samples of space cost nothing, and most fields are far from most samples. A refresh finds what could matter until f
+has changed by a tolerance. Batches are drawn from that until the next refresh.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -15,37 +13,23 @@ from ....arrays import F64, I64
 from ...thread_pool import ThreadPool
 from ..network.kernel import SpaceSamples, SurfaceSamples
 from ..network.siren import Networks
+from ..network.steps import Batches
 from .counterexamples import CounterexampleSearch
 from .sample_store import NO_FIELD, SampleStore
 from .values import field_values
 
 # Evidence for these constants: ADR 017.
-TOLERANCE = 0.1  # how much f may change before a field that is left out of a sample has a say in it
-RUN = 64  # samples in a row that are drawn together: they lie side by side in memory, in random order
-
-
-@dataclass(frozen=True, eq=False)
-class Draws:
-    """Samples of S steps. surface: (S, B) rows of the surface samples. space: (S, C) places in the pool, which stand
-    for `of` draws among all of space."""
-
-    surface: I64
-    space: I64
-    of: int
-
-    def __len__(self) -> int:
-        return len(self.surface)
-
-    def part(self, first: int, last: int) -> Draws:
-        return Draws(self.surface[first:last], self.space[first:last], self.of)
+TOLERANCE = 0.1  # how much f may change before a field that is left out of a sample could matter to it
+RUN = 64  # samples in a row that are drawn together: side by side in memory is faster; their order is random
 
 
 class ActiveSet:
-    """pool: rows of the space samples that batches are drawn from: those that are active, those of them with the wrong
-    sign of f (violations) once more, and the counterexamples of each side.
+    """Samples that batches are drawn from, and the fields that could matter to each.
 
-    owned: (K,) share of the surface samples that each field is the nearest to, of those that see them, at the last
-    refresh. on_surface, in_space: what the compiled loss takes, the latter in the order of the pool.
+    pool: rows of the space samples that could cost anything; of violations, those where f has the wrong sign, once
+    more; and of the counterexamples of each side. owned: (K,) share of the surface samples to which each field was the
+    nearest of those that see them, at the last refresh. on_surface, in_space: samples for the compiled loss, those of
+    space in the order of the pool.
     """
 
     owned: F64
@@ -56,12 +40,12 @@ class ActiveSet:
         self._store, self._search, self._threads = store, search, threads
         # Until the first refresh everything matters.
         self._set_surface(torch.ones_like(store.seen))
-        self._say = torch.ones_like(store.excluded)  # which fields have a say in a sample of space
+        self._say = torch.ones_like(store.excluded)  # which fields could matter to a space sample
         everything = torch.arange(store.n_space)
         self._set_pool(everything, everything[:0])
 
     def refresh(self, networks: Networks, tolerance: float) -> None:
-        """Find counterexamples to some networks, and what matters to them until f has changed by `tolerance`."""
+        """Add counterexamples to these networks, and find what could matter until f has changed by `tolerance`."""
         store = self._store
         for found in self._search.find(networks):
             store.add_counterexamples(*found)
@@ -80,8 +64,8 @@ class ActiveSet:
         self._set_pool(active, active[hinge[active] > store.margin[active].clamp(min=0)])
 
     def draw(self, n_surface: int, n_space: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Rows of surface and of space samples, all of which may be drawn. Half of the latter are among what the last
-        refresh found, where it found any: a quarter violations, a quarter counterexamples."""
+        """Draw rows of surface and of space samples, from all there are. Half of the latter are from the last refresh,
+        where it found any: a quarter violations, a quarter counterexamples."""
         found = self._quotas(n_space)
         rest = n_space - sum(n for _, _, n in found)
         nothing = np.empty(0, dtype=np.int64)
@@ -91,28 +75,30 @@ class ActiveSet:
         space = torch.from_numpy(rng.integers(self._store.n_space, size=rest))
         return surface, torch.cat([space, pooled])
 
-    def draw_steps(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> Draws:
-        """As `draw`, for `count` steps before the next refresh: in runs, and without the space samples that cost
+    def draw_steps(self, n_surface: int, n_space: int, count: int, rng: np.random.Generator) -> Batches:
+        """As `draw`, for `count` steps before the next refresh: in runs, and without space samples that cost
         nothing."""
         parts = self._quotas(n_space)
         rest = n_space - sum(n for _, _, n in parts)
         parts.append((0, self._active, round(rest * self._active / self._store.n_space)))
         space = np.concatenate([_runs(*part, count, rng) for part in parts], axis=1)
-        return Draws(_runs(0, self._store.n_surface, n_surface, count, rng), space, n_space)
+        surface = _runs(0, self._store.n_surface, n_surface, count, rng)
+        # The places of the pool stand for all of space.
+        return Batches(surface, space, np.float32(1 / max(n_surface, 1)), np.float32(1 / max(n_space, 1)))
 
-    def rows(self, draws: Draws) -> tuple[torch.Tensor, torch.Tensor]:
-        """The rows of the surface and space samples of the first step, as `draw` gives them."""
-        surface, space = (torch.from_numpy(part[0]) for part in (draws.surface, draws.space))
+    def rows(self, batches: Batches) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the rows of surface and space samples of the first step, as `draw` does."""
+        surface, space = (torch.from_numpy(part[0]) for part in (batches.surface, batches.space))
         return surface, self.pool[space]
 
     def _quotas(self, n_space: int) -> list[tuple[int, int, int]]:
-        """Of `n_space` draws, how many are among the violations and the counterexamples: (first, last, count), places
-        in the pool."""
+        """Divide draws among violations and counterexamples: (first, last, count), for `count` draws of the places from
+        `first` to `last` - 1 in the pool."""
         n_violations = len(self.pool) - self._active - sum(self._kept)
         ends = np.cumsum([self._active, n_violations, *self._kept])
         quarter = n_space // 4
         parts = [(int(ends[0]), int(ends[1]), quarter)] if n_violations else []
-        # Those of one side may be a hundred times as many as those of the other, which matter as much.
+        # One side may have a hundred times as many counterexamples as the other, which matters as much.
         sides = [side for side in range(2) if self._kept[side]]
         counts = [len(part) for part in np.array_split(np.arange(quarter), len(sides))] if sides else []
         return parts + [(int(ends[1 + s]), int(ends[2 + s]), n) for s, n in zip(sides, counts, strict=True)]
@@ -136,15 +122,14 @@ class ActiveSet:
 
 
 def deciding_value(store: SampleStore, values: torch.Tensor) -> torch.Tensor:
-    """(M,): of values (M, K) the one that decides about each sample of space: the least of all for one that is inside,
-    of those fields that may exclude it for one that is outside."""
+    """(M,): the one of values (M, K) that decides about each space sample. For one inside it is the least of all
+    fields', for one outside the least of those that may exclude it."""
     outside = values.masked_fill(~store.excluded, NO_FIELD).amin(dim=1)
     return torch.where(store.inside, values.min(dim=1).values, outside)
 
 
 def _runs(first: int, last: int, length: int, count: int, rng: np.random.Generator) -> I64:
-    """(count, length): each row has integers from first to last - 1, in runs from random places on; the first follows
-    the last."""
+    """Draw integers from first to last - 1, (count, length), in runs that start at random; `first` follows the last."""
     n = last - first
     if n == 0:
         return np.empty((count, 0), dtype=np.int64)

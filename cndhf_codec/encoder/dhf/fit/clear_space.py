@@ -1,5 +1,4 @@
-"""Clear space: the cells of a grid over all domain boxes that keep away from the solid. What is solid there is a
-floater."""
+"""Clear space: cells of a grid over the domain boxes that are far from the solid. Anything solid there is a floater."""
 
 from __future__ import annotations
 
@@ -8,14 +7,14 @@ import numpy as np
 from ....arrays import F32, Mask
 from ....mesh.solid import Solid
 from ..frames import Frame
-from .samples import CLEARANCE, Sides, excluded_points, in_box
+from .samples import CLEARANCE, OppositeSamples, excluded_points, in_box
 
 
 class ClearSpace:
-    """Draws points of clear space, and knows the truth about any point."""
+    """Clear space, from which points can be drawn; tells the truth about any point."""
 
-    def __init__(self, solid: Solid, frames: list[Frame], sides: Sides, cells: int = 64) -> None:
-        """sides: the samples of space. cells: per side of the grid."""
+    def __init__(self, solid: Solid, frames: list[Frame], sides: OppositeSamples, cells: int = 64) -> None:
+        """sides: of the space samples. cells: per side of the grid."""
         self._solid, self._frames, self._sides = solid, frames, sides
         lo, hi = frames[0].bounds.T
         self._cell = (hi - lo) / cells
@@ -36,7 +35,7 @@ class ClearSpace:
         self._corners = corners[clear & excluded.any(axis=1)]
 
     def draw(self, count: int, rng: np.random.Generator) -> F32:
-        """(n, 3) about `count` points, fewer where a cell juts out of a box; normalised frame."""
+        """Draw about `count` points (n, 3) of the normalised frame; fewer where cells jut out of a domain box."""
         if not len(self._corners):
             return np.empty((0, 3), dtype=np.float32)
         cells = rng.integers(len(self._corners), size=count)
@@ -48,7 +47,7 @@ class ClearSpace:
         return points[inside].astype(np.float32)
 
     def truth(self, points: F32) -> tuple[Mask, F32]:
-        """Which fields exclude each of some drawn points, (N, K), and its distance from the surface, (N,)."""
+        """Tell which fields' exact heights exclude points (N, 3), (N, K), and their distance from the surface, (N,)."""
         wide = points.astype(np.float64)
         excluded = excluded_points(self._solid, self._frames, wide)
         distance = self._sides.nearer(wide, excluded, self._solid.distances(wide))

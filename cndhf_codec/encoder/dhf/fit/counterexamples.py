@@ -1,8 +1,7 @@
-"""The search for counterexamples, points that the samples miss: floaters in clear space, specks and slits nearer to the
-surface.
+"""Search for counterexamples that no sample sees: floaters in clear space, specks and slits nearer to the surface.
 
 Near jumps of the heights, networks leave specks of solid, or cut slits into it, that may be smaller than the distance
-between samples. What is found, with the truth about it, become samples that are drawn more often than others.
+between samples. The points found, with the truth about them, become samples that are drawn more often than others.
 """
 
 from __future__ import annotations
@@ -24,20 +23,22 @@ from .samples import CLEARANCE, Samples
 from .values import POINTS_PER_CALL
 
 # Evidence for these constants: ADR 018.
-CLEAR_POINTS = 2**19  # of clear space that a search looks at
-BALL_POINTS = 2**17  # nearer to the surface, per side
-# Where f is nearer to zero than DOUBTFUL, the next search looks around, too: around REMEMBERED points, at this spread.
+CLEAR_POINTS = 2**19  # points of clear space per search
+BALL_POINTS = 2**17  # points nearer to the surface per search and side
+# Points where f is wrong, or right by less than DOUBTFUL, are doubtful. The next searches also try points around the
+# last REMEMBERED of them, at a standard deviation of SPREAD.
 DOUBTFUL, REMEMBERED, SPREAD = 0.015, 2000, 0.01
-# A doubtful point becomes a sample when f has the wrong sign, or is as close to zero: outside, inside. Inside they are
-# few, and rounding cuts slits where none of them holds it.
+# A doubtful point becomes a sample when f is wrong, or right by less than this: outside, inside. Inside they are few,
+# and rounding cuts slits where there are none.
 ADDED_BELOW = (0.005, DOUBTFUL)
-MOST_FOUND = 4000  # points of a kind that a search asks the truth about
-ARTIFACT_DRAWS = 8  # times as many points of clear space are looked at where artifacts are counted
+MOST_FOUND = 4000  # most points of a kind whose truth a search finds
+ARTIFACT_DRAWS = 8  # times CLEAR_POINTS are tried where artifacts are counted
 OUTSIDE, INSIDE = 0, 1  # sides
 
 
 class Counterexamples(NamedTuple):
-    """Of a side: points (N, 3) of the normalised frame, excluded (N, K), distance from the surface (N,)."""
+    """Counterexamples of one side: points (N, 3) of the normalised frame, whether fields exclude them, (N, K), and
+    their distance from the surface, (N,)."""
 
     side: int
     points: F32
@@ -46,7 +47,7 @@ class Counterexamples(NamedTuple):
 
 
 class CounterexampleSearch:
-    """Looks at other points each time, and around those where f was low before. Not for several threads at once."""
+    """Searches new points each time, and around earlier finds. Not for several threads at once."""
 
     def __init__(
         self, samples: Samples, clear: ClearSpace, frames: list[Frame], rng: np.random.Generator, threads: ThreadPool
@@ -55,13 +56,13 @@ class CounterexampleSearch:
         self._rotations = _tensor(np.stack([f.rotation for f in frames])).mT
         off = samples.distance > CLEARANCE
         outside = samples.excluded.any(axis=1)
-        # Of each side: samples off the surface, and where f was found to be low.
+        # For each side: samples off the surface, and doubtful points of earlier searches.
         self._off = [(samples.space[off & m], samples.distance[off & m]) for m in (outside, ~outside)]
         self.remembered = [samples.space[:0], samples.space[:0]]
 
     def find(self, networks: Networks) -> Iterator[Counterexamples]:
-        """Points of clear space where f is about to rise above zero, and points nearer to the surface where it is about
-        to be wrong."""
+        """Find points of clear space where f is above zero or nearly so, and points nearer to the surface where it is
+        wrong or nearly so."""
         floaters = self.floaters(networks, -DOUBTFUL)[:MOST_FOUND]
         sides = [self.doubtful(networks, side) for side in (OUTSIDE, INSIDE)]
         parts = [floaters, *(points for points, _ in sides)]
@@ -69,7 +70,7 @@ class CounterexampleSearch:
         ends = np.cumsum([len(p) for p in parts])[:-1]
         truth = list(zip(parts, np.split(excluded, ends), np.split(distance, ends), strict=True))
         points, excluded, distance = truth[0]
-        found = excluded.any(axis=1)  # nor can the exact heights empty a hidden cavity
+        found = excluded.any(axis=1)  # not in a hidden cavity, which the exact heights fill
         yield Counterexamples(OUTSIDE, points[found], excluded[found], distance[found])
         for side, (points, excluded, distance) in enumerate(truth[1:]):
             found = (excluded.any(axis=1) == (side == OUTSIDE)) & (distance > CLEARANCE)
@@ -78,16 +79,16 @@ class CounterexampleSearch:
             yield Counterexamples(side, points[found], excluded[found], distance[found])
 
     def artifacts(self, networks: Networks) -> int:
-        """How many points are found in floaters and in slits."""
+        """Count the points found in floaters and in slits."""
         points, f = self.doubtful(networks, INSIDE)
         excluded, distance = self._clear.truth(points[f < 0])
         slits = ~excluded.any(axis=1) & (distance > CLEARANCE)
         return int(slits.sum()) + sum(len(self.floaters(networks, 0.0)) for _ in range(ARTIFACT_DRAWS))
 
     def doubtful(self, networks: Networks, side: int) -> tuple[F32, F32]:
-        """Points of a side where f is wrong or nearly so, (N, 3), and f (N,), for the outside -f.
+        """Find points (N, 3) of a side where f is wrong or nearly so, and there f, for the outside -f, (N,).
 
-        A sample at a distance d from the surface has a ball of that radius around it which is all on its side.
+        Points are drawn around samples: the ball around a sample that reaches to the surface is all on its side.
         """
         samples, depth = self._off[side]
         if not len(samples):
@@ -110,14 +111,14 @@ class CounterexampleSearch:
 
         with torch.no_grad():
             f = torch.cat(self._threads.map(look, range(0, len(points), POINTS_PER_CALL)))
-        # Around remembered points there are many, most of them too near to the surface: the others must not be cut off.
+        # Points around remembered ones are many, most of them too near to the surface: they must not crowd out others.
         parts = f[:BALL_POINTS], f[BALL_POINTS:]
         fresh, again_at = (torch.nonzero(part < DOUBTFUL)[: MOST_FOUND // 2, 0] for part in parts)
         found = torch.cat([BALL_POINTS + again_at, fresh])
         return points[found].numpy(), f[found].numpy()
 
     def floaters(self, networks: Networks, level: float) -> F32:
-        """(N, 3) points of clear space where f is above a level."""
+        """Find points (N, 3) of clear space where f is above a level."""
         points = _tensor(self._clear.draw(CLEAR_POINTS, self._rng))
 
         def above(at: int) -> torch.Tensor:

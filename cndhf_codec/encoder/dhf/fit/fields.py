@@ -1,4 +1,4 @@
-"""The fit of a plan: each field alone, then all together."""
+"""Fit the fields of a plan: each alone, then all together."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SINGLE_SHARE = 0.15  # of a time limit goes to the single fits
 
 
 def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks, JointLoss, float]:
-    """Fit the fields of a plan; once more without a field that turns out to be idle, the others being as much wider.
+    """Fit the fields of a plan. Where one turns out to be idle, fit again without it, with the others wider.
 
     Returns the plan that was fitted, the networks, the loss with its samples, and the share of rays through holes.
     """
@@ -30,14 +30,14 @@ def fit_needed(job: Job, plan: Plan, deadline: Deadline) -> tuple[Plan, Networks
             start, unknown = fit_singly(job, plan, part.part(SINGLE_SHARE))
             return plan, *fit_jointly(job, plan, start, part), unknown
         except IdleNetworkError as idle:
-            # Rounding would take an idle network for one that may be rounded as coarsely as one likes.
+            # Nothing limits the steps of an idle network, so it cannot be rounded.
             frames = [f for k, f in enumerate(plan.frames) if k != idle.number]
             shares = [s for k, s in enumerate(plan.shares) if k != idle.number]
             plan = with_shares(replace(plan, frames=frames), shares, job)
 
 
 def fit_singly(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, float]:
-    """Networks that are each fitted alone, and the share of rays through holes."""
+    """Fit each network alone. Returns also the share of rays through holes."""
     settings = job.settings
     trainings = [
         Training(
@@ -45,7 +45,7 @@ def fit_singly(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, floa
             hidden_layers=settings.hidden_layers,
             omega=omega_for(settings, width),
             steps=settings.steps,
-            learning_rate=settings.learning_rate * min(1.0, FULL_RATE_WIDTH / width),  # wide ones have come out steep
+            learning_rate=settings.learning_rate * min(1.0, FULL_RATE_WIDTH / width),  # else wide ones get steep
             batch=settings.batch,
             loss=partial(PointLoss, margin=settings.margin),
             optimiser=soap,
@@ -63,8 +63,8 @@ def fit_singly(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, floa
 
 
 def fit_jointly(job: Job, plan: Plan, start: Networks, deadline: Deadline) -> tuple[Networks, JointLoss]:
-    """Networks fitted together from that start, and the loss with its samples. Raises IdleNetworkError when the others
-    do without one of them."""
+    """Fit the networks together from a start. Returns also the loss with its samples. Raises IdleNetworkError when the
+    others do without one of them."""
     settings, networks = job.settings, start.copy()
     samples = draw_samples(job.solid, plan.frames, settings.samples, job.seed)
     clear = ClearSpace(job.solid, plan.frames, samples.sides, settings.clear_cells)

@@ -1,10 +1,10 @@
 """The joint loss: how far the intersection of all double height fields is from the samples of the solid.
 
 f is the least value of all fields. One height of one field answers for each sample:
-- a point of the surface that f leaves outside: the field that cuts it off. One that is inside: the nearest to it of the
-  fields that see it. The loss is |f| times the cosine between normal and axis, which is the distance to the surface.
-- a point of space: the least of all fields when it is inside, the least of those that may exclude it when it is
-  outside. The loss is a hinge: the sign of f shall be right by a margin.
+- of a surface sample where f < 0, it is the field of least value; of one where f >= 0, the field of least value among
+  those that see it. The loss is that |value| times |normal . axis|, the distance from the surface.
+- of a space sample inside the solid, it is the field of least value; of one outside, the field of least value among
+  those that may exclude it. The loss is a hinge: that value must have the right sign by a margin.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from ..frames import Frame
 from ..network import kernel
 from ..network.siren import Networks
 from ..network.soap import Soap
-from ..network.steps import APART, SHARDS, Batches, Output, Plan, not_waited_for, take_steps
-from .active_set import ActiveSet, Draws, deciding_value
+from ..network.steps import APART, SHARDS, Batches, Output, StepPlan, not_waited_for, take_steps
+from .active_set import ActiveSet, deciding_value
 from .clear_space import ClearSpace
 from .counterexamples import CounterexampleSearch
 from .sample_store import NO_FIELD, SampleStore
 from .samples import CLEARANCE, Samples
-from .values import field_sides, field_values
+from .values import field_distances, field_values
 
 # Evidence for these constants: ADR 018.
 ARTIFACT_DISTANCE = 0.04  # a sample that is wrongly inside at this distance from the surface belongs to a floater
@@ -36,9 +36,9 @@ ARTIFACT_DISTANCE = 0.04  # a sample that is wrongly inside at this distance fro
 class Terms:
     """What a batch of B samples costs.
 
-    cost: (B,) loss of each sample. argument: (B,) f (surface) or argument of the hinge (space). weight: (B,)
-    d cost / d |argument| where it is not zero. field: (B,) which field answers. side: (B,) with which height, 0 near,
-    1 far. uv: one (B, 2) tensor per field.
+    cost: (B,) loss of each sample. argument: (B,) the value that answers (surface), or the argument of the hinge
+    (space). weight: (B,) d cost / d |argument| where the cost is not zero. field: (B,) which field answers. side: (B,)
+    with which height, 0 near, 1 far. uv: where each network is evaluated, one (B, 2) tensor per field.
     """
 
     cost: torch.Tensor
@@ -50,7 +50,7 @@ class Terms:
 
 
 class JointLoss:
-    """The loss on samples of a solid. Not for several threads at once."""
+    """The joint loss on samples of a solid. Not for several threads at once."""
 
     def __init__(self, samples: Samples, clear: ClearSpace, frames: list[Frame], threads: ThreadPool) -> None:
         self._threads = threads
@@ -61,7 +61,7 @@ class JointLoss:
         self.active = ActiveSet(self.store, self.search, threads)
 
     def shares(self, networks: Networks) -> list[float]:
-        """(K,) share of the loss that each network answers for."""
+        """Share of the loss that each network answers for, (K,)."""
         n = self.store.n_surface, self.store.n_space
         with torch.no_grad():
             terms = self.terms(networks, *(torch.arange(count) for count in n))
@@ -69,8 +69,8 @@ class JointLoss:
         return (torch.bincount(terms.field, cost, minlength=len(networks)) / cost.sum()).tolist()
 
     def artifacts(self, networks: Networks) -> int:
-        """How many points lie in floaters and slits: wrongly inside, far from the surface, or wrongly outside, deep in
-        the solid."""
+        """Count the points in floaters and slits: wrongly inside far from the surface, or wrongly outside deep in the
+        solid."""
         store, n = self.store, self.store.n_space
         least = deciding_value(store, field_values(networks, store.space, store.boxes, self._threads))[:n]
         inside, distance = store.inside[:n], store.distance[:n]
@@ -78,44 +78,43 @@ class JointLoss:
         slits = (least < 0) & inside & (distance > CLEARANCE)
         return int((floaters | slits).sum()) + self.search.artifacts(networks)
 
-    def gradient(self, networks: Networks, draws: Draws) -> tuple[torch.Tensor, float]:
-        """(K, P) gradient in theta of the loss of the first step, and the loss: the mean cost of the batch's surface
-        samples and that of the space samples that it stands for, added."""
+    def gradient(self, networks: Networks, batches: Batches) -> tuple[torch.Tensor, float]:
+        """Return the gradient in theta, (K, P), of the loss of the first step, and the loss. It is the mean cost of the
+        batch's surface samples plus that of the space samples that the batch stands for."""
         none = np.zeros((0, len(networks)))
-        out = self._run(networks, Soap(networks), draws.part(0, 1), none, None)
+        out = self._run(networks, Soap(networks), batches.part(0, 1), none, None)
         return torch.from_numpy(out.gradients[0]), float(out.losses[0].sum())
 
     def descend(
-        self, networks: Networks, optimiser: Soap, draws: Draws, rates: F64, held: torch.Tensor | None = None
+        self, networks: Networks, optimiser: Soap, batches: Batches, rates: F64, held: torch.Tensor | None = None
     ) -> tuple[float, Mask]:
-        """Change the networks in place by a step on each of the batches, at learning rates (S, K). held: (K, P) mask of
-        the weights to leave as they are. Returns the last step's loss, and, (K,), which networks had a gradient."""
+        """Take a step on each of S batches, in place, at learning rates (S, K). The first only starts the optimiser.
+
+        held: (K, P) mask of the weights to leave as they are. Returns the last step's loss, and which networks have had
+        a gradient, (K,).
+        """
         if not optimiser.started:
-            gradient, loss = self.gradient(networks, draws)
+            gradient, loss = self.gradient(networks, batches)
             pulled = gradient.any(dim=1).numpy()
             optimiser.start(gradient if held is None else gradient.masked_fill(held, 0))
-            if len(draws) == 1:
+            if len(batches.surface) == 1:
                 return loss, pulled
-            loss, others = self.descend(networks, optimiser, draws.part(1, len(draws)), rates[1:], held)
+            loss, others = self.descend(networks, optimiser, batches.part(1, len(batches.surface)), rates[1:], held)
             return loss, pulled | others
-        out = self._run(networks, optimiser, draws, rates, held)
+        out = self._run(networks, optimiser, batches, rates, held)
         return float(out.losses[-1].sum()), out.pulled
 
-    def _run(self, networks: Networks, optimiser: Soap, draws: Draws, rates: F64, held: torch.Tensor | None) -> Output:
-        """Take the steps in all threads; with no rates the weights stay as they are."""
+    def _run(
+        self, networks: Networks, optimiser: Soap, batches: Batches, rates: F64, held: torch.Tensor | None
+    ) -> Output:
+        """Take the steps in all threads. Without rates the weights stay as they are."""
         theta: F32 = networks.theta.detach().numpy()
-        loss = kernel.Loss(
+        loss = kernel.LossData(
             networks.kernel_shapes(), self.store.boxes.numpy(), self.active.on_surface, self.active.in_space
         )
-        batches = Batches(
-            draws.surface,
-            draws.space,
-            np.float32(1 / max(draws.surface.shape[1], 1)),
-            np.float32(1 / max(draws.of, 1)),
-        )
-        plan = Plan(*optimiser.plan(rates), np.zeros(theta.shape, np.bool_) if held is None else held.numpy())
+        plan = StepPlan(*optimiser.plan(rates), np.zeros(theta.shape, np.bool_) if held is None else held.numpy())
         gradients = np.empty((SHARDS, *theta.shape), np.float32)
-        out = Output(gradients, np.empty((len(draws), SHARDS)), np.zeros(len(networks), np.bool_))
+        out = Output(gradients, np.empty((len(batches.surface), SHARDS)), np.zeros(len(networks), np.bool_))
         threads = min(self._threads.threads, SHARDS)
         counters = np.zeros(threads * APART, np.int64)
 
@@ -128,12 +127,12 @@ class JointLoss:
         return out
 
     def terms(self, networks: Networks, surface: torch.Tensor, space: torch.Tensor) -> Terms:
-        """Terms of the surface samples and then the space samples of these rows, by torch."""
+        """Evaluate, in torch, the terms of the surface samples and then of the space samples in these rows."""
         store, n = self.store, len(surface)
         values, far_decides, uvs = [], [], []
         for k in range(len(networks)):
             x = torch.cat([store.surface[k][surface], store.space[k][space]])
-            uv, above, below = field_sides(networks, k, x, store.boxes[k])
+            uv, above, below = field_distances(networks, k, x, store.boxes[k])
             values.append(torch.minimum(above, below))
             far_decides.append(above < below)
             uvs.append(uv)

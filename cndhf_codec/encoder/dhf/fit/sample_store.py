@@ -12,19 +12,19 @@ from ..network import kernel
 from .samples import Samples
 
 # Evidence for these constants: ADR 015; COUNTEREXAMPLES: 018.
-MARGIN = 0.03  # most that f shall differ from zero off the surface (normalised units)
-SPACE_WEIGHT = 0.4  # of a sample of space, beside 1 of a sample of the surface and of a counterexample
-DISTANCE_SCALE = 0.02  # at distance d from the surface 1 + d / this times as much: a floater costs area times distance
-OUTSIDE_BOX_WEIGHT = 10.0  # times as much weighs a sample outside the input's bounding box
-COUNTEREXAMPLES = 20_000  # that are kept of each side, the latest
+MARGIN = 0.03  # greatest margin by which f must have the right sign (normalised units)
+SPACE_WEIGHT = 0.4  # of a space sample; surface samples and counterexamples have 1
+DISTANCE_SCALE = 0.02  # times 1 + d / this, at distance d from the surface: floaters cost area times distance
+OUTSIDE_BOX_WEIGHT = 10.0  # times as much outside the input's bounding box
+COUNTEREXAMPLES = 20_000  # kept of each side, the latest
 NO_FIELD = float(kernel.NO_FIELD)
 
 
 class SampleStore:
-    """K fields, N samples of the surface, M of space, and COUNTEREXAMPLES places for each side after those.
+    """N surface samples and M space samples for K fields, and after those COUNTEREXAMPLES rows for each side.
 
-    boxes: (K, 3, 2) domain boxes. Of the surface: surface (K, N, 3), seen (N, K), cosine (N, K). Of space: space (K, M
-    + 2 COUNTEREXAMPLES, 3), excluded (..., K), inside, distance, margin, weight (...,).
+    boxes: (K, 3, 2) domain boxes. Surface samples: surface (K, N, 3), seen (N, K), cosine (N, K). Space samples, with
+    R = M + 2 COUNTEREXAMPLES rows: space (K, R, 3), excluded (R, K); inside, distance, margin and weight (R,).
     """
 
     def __init__(self, samples: Samples, frames: list[Frame]) -> None:
@@ -36,7 +36,7 @@ class SampleStore:
         self.seen = torch.from_numpy(samples.seen)
         self.cosine = _tensor(samples.cosine)
         self._box = _tensor(samples.box)
-        self._found = [0, 0]  # counterexamples outside and inside, over all searches
+        self._found = [0, 0]  # number of counterexamples outside and inside, of all searches
 
         total = self.n_space + 2 * COUNTEREXAMPLES
         self.space = torch.zeros((len(frames), total, 3))
@@ -47,7 +47,7 @@ class SampleStore:
 
     @property
     def kept(self) -> list[int]:
-        """How many counterexamples there are outside and inside."""
+        """Number of counterexamples that are kept outside and inside."""
         return [min(n, COUNTEREXAMPLES) for n in self._found]
 
     def counterexamples(self, side: int) -> torch.Tensor:
@@ -55,7 +55,7 @@ class SampleStore:
         return self.n_space + side * COUNTEREXAMPLES + torch.arange(self.kept[side])
 
     def add_counterexamples(self, side: int, points: F32, excluded: Mask, distance: F32) -> None:
-        """Keep points (N, 3) with the truth about them, in place of the oldest where there is no room."""
+        """Store points (N, 3) with the truth about them. Where there is no room, they replace the oldest."""
         numbers = (self._found[side] + np.arange(len(points))) % COUNTEREXAMPLES
         rows = torch.from_numpy(self.n_space + side * COUNTEREXAMPLES + numbers)
         self._put(rows, points, excluded, distance, 1.0)
@@ -70,14 +70,14 @@ class SampleStore:
         outside_box = ((p < self._box[0]) | (p > self._box[1])).any(dim=1)
         by_distance = 1 + self.distance[rows] / DISTANCE_SCALE
         self.weight[rows] = by_distance * torch.where(outside_box, OUTSIDE_BOX_WEIGHT, 1.0) * weight
-        # Outside a domain box there is nothing that a network could get wrong.
+        # Outside a domain box the solid is empty, whatever the networks say.
         lo, hi = self.boxes[:, None, :, 0], self.boxes[:, None, :, 1]
         beyond = ((self.space[:, rows] < lo) | (self.space[:, rows] > hi)).any(dim=2).any(dim=0)
         margin = (self.distance[rows] / 2).clamp(max=MARGIN)
         self.margin[rows] = margin.masked_fill(beyond & ~self.inside[rows], -NO_FIELD)
 
     def _in_frames(self, points: F32) -> torch.Tensor:
-        """(K, N, 3): points (N, 3) in the frame of every field, on the side of its mirrors that the network
+        """Rotate points (N, 3) into the frame of every field, (K, N, 3), on the side of its mirrors that the network
         describes."""
         uvz = _tensor(points) @ self._rotations
         for x, frame in zip(uvz, self._frames, strict=True):

@@ -1,7 +1,7 @@
-"""Samples of the solid, for the joint fit: points on its surface and points of space.
+"""Draw samples of the solid for the joint fit: points of its surface and points of space.
 
-The truth is what the chosen double height fields can say: the intersection of their exact height fields. A point of a
-hidden cavity counts as inside.
+The truth about a point is that of the exact height fields' intersection, which is all that the chosen fields can
+represent. So a point of a hidden cavity counts as inside.
 """
 
 from __future__ import annotations
@@ -17,20 +17,24 @@ from ..frames import Frame
 
 # Evidence for these constants: ADR 015; CLEARANCE: 018; OTHER_SIDE: 016.
 #
-# Shares of the uniform samples of space, and how far they lie from what they are drawn beside (normalised units).
+# Shares of the uniform space samples that are moved to a wall or a side, and their greatest distance from it
+# (normalised units).
 WALL_SHARE, WALL_DEPTH = 0.25, 0.01  # just inside the walls of the domain boxes
 SHELL_SHARE, SHELL_DEPTH = 0.15, 0.05  # just outside the input's bounding box
-SURFACE_SPREADS = (0.01, 0.04)  # standard deviations of the distance from the surface of the samples near it
-CLEARANCE = 0.02  # least distance from the surface at which a point is wrong enough to be a counterexample
-OTHER_SIDE = 0.1  # most distance at which the other side of the exact height fields is looked for
+SURFACE_SPREADS = (0.01, 0.04)  # standard deviations of the offsets of space samples near the surface
+CLEARANCE = 0.02  # least distance from the surface of a counterexample
+OTHER_SIDE = 0.1  # greatest distance at which the nearest point of the other side counts
 
 
-class Sides:
-    """Points of space on the two sides of the exact height fields. Where these fill what no axis sees, their surface
-    is far from every face, and it is the nearest point of the other side that tells how far."""
+class OppositeSamples:
+    """Space samples on the two sides of the exact height fields' surface.
+
+    Where the fields fill what no axis sees, that surface is far from every face. The distance from it is then about
+    that from the nearest sample on the other side.
+    """
 
     def __init__(self, space: F32 | F64, excluded: Mask) -> None:
-        """space: (M, 3). excluded: (M, K) by which DHF."""
+        """space: (M, 3). excluded: (M, K) whether field k excludes the point."""
         outside = excluded.any(axis=1)
         spatial = require("scipy.spatial", "encode")
         self._others = [(side, spatial.KDTree(space[outside != side])) for side in (False, True)]
@@ -41,8 +45,8 @@ class Sides:
         excluded: Mask,
         distance: F64,
     ) -> F64:
-        """(N,) distance of points (N, 3) from the faces, or from the nearest point of the other side, if that is
-        less."""
+        """(N,) distance of points (N, 3) from the faces (`distance`), or, if less, from the nearest sample on the other
+        side."""
         outside, least = excluded.any(axis=1), distance.copy()
         for side, others in self._others:
             at = np.flatnonzero(outside == side)
@@ -52,12 +56,12 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """N points of the surface that some field sees, and M points off the surface; normalised frame.
+    """N surface samples, each seen by some field, and M space samples; normalised frame.
 
     surface: (N, 3) float32. seen: (N, K) whether field k sees the point. cosine: (N, K) float32 |normal . axis|.
-    space: (M, 3) float32. excluded: (M, K) whether field k's exact heights leave the point out. distance: (M,) float32
-    to the surface. A point of space is inside when no field excludes it. sides: the points of space. box: (2, 3) of the
-    input.
+    space: (M, 3) float32. excluded: (M, K) whether field k's exact heights leave the point out; a point is inside when
+    no field excludes it. distance: (M,) float32 from the surface. sides: of the space samples. box: (2, 3) bounding box
+    of the solid.
     """
 
     surface: F32
@@ -66,7 +70,7 @@ class Samples:
     space: F32
     excluded: Mask
     distance: F32
-    sides: Sides
+    sides: OppositeSamples
     box: F32
 
     def in_random_order(self, rng: np.random.Generator) -> Samples:
@@ -84,8 +88,8 @@ class Samples:
 
 
 def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Samples:
-    """Draw `count` points of the surface, uniform by area, and as many of space: half of them near the surface, half
-    uniform in the intersection of the domain boxes, which is all the space that the fields can fill."""
+    """Draw `count` points of the surface, uniform by area, and as many of space. Half of the latter are near the
+    surface, half uniform in the intersection of the domain boxes, which is all the space that the fields can fill."""
     rng = np.random.default_rng(seed)
     axes = np.stack([f.rotation[2] for f in frames])
     points, normals = solid.sample(count, rng)
@@ -100,7 +104,7 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
     space = np.concatenate([around, _at_shell(uniform, box, rng)])
     space = space[np.lexsort((np.floor(space[:, 2] * 16), np.floor(space[:, 1] * 16), np.floor(space[:, 0] * 16)))]
     excluded = excluded_points(solid, frames, space)
-    sides = Sides(space, excluded)
+    sides = OppositeSamples(space, excluded)
     return Samples(
         surface=points[keep].astype(np.float32),
         seen=seen[keep],
@@ -114,17 +118,17 @@ def draw_samples(solid: Solid, frames: list[Frame], count: int, seed: int) -> Sa
 
 
 def excluded_points(solid: Solid, frames: list[Frame], points: F64) -> Mask:
-    """(N, K): whether the exact heights of each DHF leave a point out."""
+    """(N, K): whether the exact heights of each field exclude points (N, 3)."""
     axes = [f.rotation[2] for f in frames]
     excluded = np.stack([(solid.first_hits(points, a) < 0) | (solid.first_hits(points, -a) < 0) for a in axes], axis=1)
-    # A ray may leave the solid through a hole of the mesh: what is inside by vote is not excluded.
+    # A ray may leave the solid through a hole of the mesh, so points inside by winding number are not excluded.
     doubtful = np.flatnonzero(excluded.any(axis=1))
     excluded[doubtful[solid.contains(points[doubtful])]] = False
     return excluded
 
 
 def in_box(frame: Frame, points: F64) -> Mask:
-    """Which of points (N, 3) are in the frame's domain box."""
+    """(N,) whether points (N, 3) are in the frame's domain box."""
     inside = np.ones(len(points), dtype=bool)
     for x, (lo, hi) in zip((points @ frame.rotation.T).T, frame.bounds, strict=True):
         inside &= (x >= lo) & (x <= hi)
@@ -143,8 +147,8 @@ def _in_boxes(frames: list[Frame], count: int, rng: np.random.Generator) -> F64:
 
 
 def _at_walls(points: F64, frames: list[Frame], rng: np.random.Generator) -> F64:
-    """Move a share of the points to just inside a wall of a domain box: slivers of solid like to stand there, where
-    few points of the volume are near."""
+    """Move a share of the points, in place, to just inside a wall of a domain box: slivers of solid often stand there,
+    and few uniform points are near."""
     count = round(len(points) * WALL_SHARE)
     walls = [(f, axis, side) for f in frames for axis in range(3) for side in range(2)]
     for (f, axis, side), part in zip(walls, np.array_split(np.arange(count), len(walls)), strict=True):
@@ -155,7 +159,7 @@ def _at_walls(points: F64, frames: list[Frame], rng: np.random.Generator) -> F64
 
 
 def _at_shell(points: F64, box: F64, rng: np.random.Generator) -> F64:
-    """Move a share of the points to just outside a side of the bounding box: what juts out there changes its size."""
+    """Move a share of the points, in place, to just outside the bounding box: solid that juts out there changes it."""
     chosen = rng.choice(len(points), round(len(points) * SHELL_SHARE), replace=False)
     axis, side = rng.integers(3, size=len(chosen)), rng.integers(2, size=len(chosen))
     points[chosen, axis] = box[side, axis] + (2 * side - 1) * rng.random(len(chosen)) * SHELL_DEPTH

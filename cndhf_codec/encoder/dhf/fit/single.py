@@ -1,4 +1,4 @@
-"""The single fit: one SIREN to one set of height targets."""
+"""The single fit: train one SIREN on one set of height targets."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ REPORT_EVERY = 20  # steps
 
 @dataclass(frozen=True)
 class Training:
-    """How one network is fitted. batch: points per step. loss: of its targets and the number of points per step.
-    optimiser: what steps a network."""
+    """How one network is fitted. batch: points per step. loss: makes the loss from targets and the number of points per
+    step. optimiser: makes the function that takes a step."""
 
     width: int
     hidden_layers: int
@@ -45,7 +45,7 @@ class Training:
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Torch's own threads cost more than they bring on tensors as small as these, and change the sums."""
+    """Limit torch to one thread: on tensors as small as these, more cost time, and they change the sums."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -62,9 +62,9 @@ def fit_each(
     on_steps: OnSteps,
     deadline: Deadline,
 ) -> list[Networks]:
-    """Fit every field alone, side by side; for fewer steps when the deadline comes first.
+    """Fit every field alone, several at a time; for fewer steps where the deadline comes first.
 
-    Each fit runs in one thread, so that the result does not depend on their number. Raises EncodeError when a fit
+    Each fit runs in one thread, so that the result does not depend on how many there are. Raises EncodeError when a fit
     diverges.
     """
     stop, lock = Event(), Lock()
@@ -80,7 +80,7 @@ def fit_each(
         try:
             return fit_single(targets[i], trainings[i], seed + i, stop, report, deadline)
         except BaseException:
-            # Interrupted or failed: the other fits must not run on.
+            # Interrupted or failed: stop the other fits, too.
             stop.set()
             raise
 
@@ -117,8 +117,8 @@ def fit_single(
 
 
 def cosine_schedule(warm: float, done: float) -> float:
-    """Share of the learning rate when a share of the work is done: it rises while `warm` goes to 1, and falls to 0
-    along a cosine."""
+    """Share of the learning rate when the share `done` of the work is done. It rises while `warm` goes to 1, and falls
+    to 0 along a cosine."""
     return min(1.0, warm) * 0.5 * (1 + math.cos(math.pi * done))
 
 
@@ -143,7 +143,7 @@ class Images:
 
 
 def draw(n: int, count: int, generator: torch.Generator) -> torch.Tensor:
-    """`count` integers below n."""
+    """Draw `count` integers below n."""
     return torch.randint(n, (count,), generator=generator)
 
 
@@ -151,7 +151,7 @@ class PointLoss:
     """L1 on the known heights of points inside the silhouette; a hinge at points outside it."""
 
     def __init__(self, t: HeightTargets, batch: int, margin: float) -> None:
-        """margin: outside the silhouette the far height shall be this much below the near one."""
+        """margin: C; outside the silhouette the far height is to be this much below the near one."""
         self._images, self._margin = Images(t), margin
         self._n_outside = round(batch * (1 - SILHOUETTE_SHARE)) if len(self._images.outside) else 0
         self._n_inside = batch - self._n_outside

@@ -1,4 +1,4 @@
-"""Height targets of single fits: what a double height field should be, on a grid of rays along its axis."""
+"""Height targets of single fits: the exact heights of a field on a grid of rays along its axis."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ RAY_START = 2.0  # the shape lies within 1 of the origin
 class HeightTargets:
     """Heights at the pixel centres of a grid that fills the domain box; arrays are (nu, nv), heights float32.
 
-    hit: the ray meets the shape. near, far: first hit along +z and along -z, in the normalised frame.
-    near_known, far_known: the hit is on a face seen from its front. Seen from behind, the ray came in through
-    a hole in the surface, and the height is not one of the solid's. laplacian_near, laplacian_far: five-point
-    sums h(left) + h(right) + h(below) + h(above) - 4 h, in heights; laplacian_known: where all five are known.
+    hit: whether the ray meets the shape. near, far: z of the first hit along +z and along -z (normalised units).
+    near_known, far_known: whether the hit is on the front of a face. On the back, the ray came in through a hole in the
+    surface, and the height is not one of the solid's. laplacian_near, laplacian_far: five-point sums h(left) + h(right)
+    + h(below) + h(above) - 4 h, in heights. laplacian_known: whether all five heights are known.
     """
 
     frame: Frame
@@ -36,13 +36,13 @@ class HeightTargets:
 
     @property
     def unknown(self) -> float:
-        """Share of the rays that hit whose hit is on a face seen from behind."""
+        """Share of the hits that are on the back of a face."""
         rays = 2 * int(self.hit.sum())
         return 1 - float(self.near_known.sum() + self.far_known.sum()) / rays if rays else 0.0
 
 
 def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets:
-    """Cast one ray down and one up through each pixel; `resolution` pixels along the box's longer side."""
+    """Cast one ray down and one up through each pixel. resolution: pixels along the box's longer side."""
     (u0, u1), (v0, v1), _ = frame.bounds
     pixel = max(u1 - u0, v1 - v0) / resolution
     nu, nv = (max(8, round((b - a) / pixel)) for a, b in ((u0, u1), (v0, v1)))
@@ -78,8 +78,8 @@ def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets
 
 
 def _heights_on(solid: Solid, R: F64, face: I32, uv: F64) -> tuple[F64, F64]:
-    """z of each hit triangle's plane at (u, v) in float64, kept within the triangle, 0 where face is -1; and the z of
-    its normal, in the DHF's frame."""
+    """Return z of each hit face's plane at (u, v), in float64, clipped to the face's range, 0 where `face` is -1; and z
+    of the face's normal, in the field's frame."""
     corners, n = solid.vertices[solid.faces[face]] @ R.T, solid.normals[face] @ R.T
     a = corners[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):

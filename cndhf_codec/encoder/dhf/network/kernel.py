@@ -1,4 +1,4 @@
-"""The networks and the joint loss, compiled: forward and backward passes that stay in the processor's cache.
+"""Compiled evaluation of networks and the joint loss: forward and backward passes that stay in the processor's cache.
 
 Networks are rows of `theta`, (K, P) float32: K networks of equal depth, the weights of each in file order, and zeros
 after those of narrower networks. All functions here release the interpreter's lock, so that threads run side by side.
@@ -16,12 +16,12 @@ from ....arrays import F32, I64, Mask
 from .vectors import LANES, add_outer, set_product, sine_and_cosine, sine_in_place
 
 # Evidence for these constants: ADR 020.
-BLOCK_POINTS = 512  # evaluated together: what a network computes for so many stays in the cache
-NO_FIELD = np.float32(1e3)  # value of a field that has no say about a sample
+BLOCK_POINTS = 512  # evaluated together: a network's results for so many fit in the cache
+NO_FIELD = np.float32(1e3)  # stands for the value of a field that does not matter to a sample; no value is as large
 
 
 class Net(NamedTuple):
-    """One network. theta: (P,). layers: how many sine layers."""
+    """One network. theta: (P,). layers: number of sine layers."""
 
     theta: F32
     width: int
@@ -30,7 +30,7 @@ class Net(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """A forward pass that can be gone back through. x: (2, BLOCK_POINTS) inputs. outputs, cosines: of every sine layer,
+    """A forward pass, kept for the backward pass. x: (2, BLOCK_POINTS) inputs. outputs, cosines: of every sine layer,
     (layers, width, BLOCK_POINTS)."""
 
     x: F32
@@ -39,7 +39,7 @@ class Tape(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """Of K networks: widths (K,), numbers of weights (K,), sine layers, omegas (K,)."""
+    """Shapes of K networks: widths (K,), numbers of weights (K,), number of sine layers, omegas (K,)."""
 
     widths: I64
     counts: I64
@@ -48,8 +48,8 @@ class Shapes(NamedTuple):
 
 
 class SurfaceSamples(NamedTuple):
-    """N samples of the surface. points: (K, N, 3) in the frame of every field. active: (N, K) which fields have a say
-    in what the sample costs. seen: (N, K) which see it. cosine: (N, K) between normal and axis."""
+    """N samples of the surface. points: (K, N, 3) in the frame of every field. active: (N, K) which fields could matter
+    to the sample. seen: (N, K) which see it. cosine: (N, K) between normal and axis."""
 
     points: F32
     active: Mask
@@ -58,8 +58,8 @@ class SurfaceSamples(NamedTuple):
 
 
 class SpaceSamples(NamedTuple):
-    """M samples of space. points: (K, M, 3). active: (M, K). excluded: (M, K) which exact fields leave it out. inside,
-    margin, weight: (M,)."""
+    """M samples of space. points: (K, M, 3). active: (M, K). excluded: (M, K) which fields' exact heights exclude the
+    sample. inside, margin, weight: (M,)."""
 
     points: F32
     active: Mask
@@ -69,8 +69,8 @@ class SpaceSamples(NamedTuple):
     weight: F32
 
 
-class Loss(NamedTuple):
-    """What the joint loss is made of. boxes: (K, 3, 2) domain boxes."""
+class LossData(NamedTuple):
+    """The data of the joint loss. boxes: (K, 3, 2) domain boxes."""
 
     shapes: Shapes
     boxes: F32
@@ -79,7 +79,7 @@ class Loss(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Samples of one step. surface, space: their rows. surface_scale, space_scale: what each of them counts."""
+    """Samples of one step. surface, space: their rows. surface_scale, space_scale: factor of each sample's cost."""
 
     surface: I64
     space: I64
@@ -102,14 +102,14 @@ def compiled(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Compile as a part of each function that calls it. As a function of its own, shared by what comes from the cache
-    and what is compiled anew, it could be either's version, and its sums differ with that."""
+    """Compile into each function that calls it. Compiled on its own, it could be the cache's version or a new one,
+    whose sums differ."""
     return numba.njit(nogil=True, fastmath=FREEDOMS, forceinline=True)(function)
 
 
 @inlined
 def arguments(theta: F32, at: int, omega: np.float32, x: F32, z: F32, n: int) -> None:
-    """z[:, :n]: what a sine layer, whose weights begin at `at`, takes the sine of."""
+    """Set z[:, :n] to omega (W x + b) of a sine layer whose weights begin at `at`."""
     width, inputs = len(z), len(x)
     bias = at + width * inputs
     set_product(theta[at:bias].reshape(width, inputs), x, theta[bias : bias + width], omega, z, n)
@@ -117,7 +117,7 @@ def arguments(theta: F32, at: int, omega: np.float32, x: F32, z: F32, n: int) ->
 
 @inlined
 def last_layer(theta: F32, width: int, x: F32, y: F32, n: int) -> None:
-    """y[:, :n], (2, BLOCK_POINTS): heights from what the last sine layer puts out."""
+    """Set y[:, :n], (2, BLOCK_POINTS), to the heights, from the outputs x of the last sine layer."""
     at = len(theta) - 2 * width - 2
     bias = at + 2 * width
     set_product(theta[at:bias].reshape(2, width), x, theta[bias:], np.float32(1), y, n)
@@ -125,13 +125,13 @@ def last_layer(theta: F32, width: int, x: F32, y: F32, n: int) -> None:
 
 @inlined
 def back_through(W: F32, d: F32, e: F32, n: int) -> None:
-    """e[:, :n] = W^T d[:, :n]: a gradient on its way back through a layer."""
+    """Set e[:, :n] = W^T d[:, :n]: take a gradient back through a layer."""
     set_product(W.T, d, np.zeros(W.shape[1], np.float32), np.float32(1), e, n)
 
 
 @inlined
 def _filled(x: F32, m: int) -> int:
-    """The columns m to n of x are filled up, to a multiple of LANES; what becomes of them is not used. Returns n."""
+    """Fill the columns m to n of x, where n is a multiple of LANES; their results are not used. Returns n."""
     n = m + -m % LANES
     for c in range(m, n):
         x[0, c], x[1, c] = x[0, 0], x[1, 0]
@@ -139,11 +139,10 @@ def _filled(x: F32, m: int) -> int:
 
 
 @inlined
-def values(net: Net, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
-    """y[:, :n]: heights of the first n columns of x; both are (2, BLOCK_POINTS). Overwrites a and b, (width,
-    BLOCK_POINTS).
+def evaluate(net: Net, x: F32, n: int, a: F32, b: F32, y: F32) -> None:
+    """Set y[:, :n] to the heights at the first n columns of x; both are (2, BLOCK_POINTS).
 
-    n is a multiple of LANES, here and below.
+    Overwrites a and b, (width, BLOCK_POINTS). n is a multiple of LANES, here and below.
     """
     arguments(net.theta, 0, net.omega, x, a, n)
     sine_in_place(a, n)
@@ -177,7 +176,7 @@ def forward(net: Net, tape: Tape, n: int) -> None:
 
 @inlined
 def backward(net: Net, tape: Tape, n: int, g: F32, grad: F32) -> None:
-    """Add the gradient of sum(g * heights), over the first n columns, to grad, (P,)."""
+    """Add to grad, (P,), the gradient of sum(g * heights) over the first n columns. g: (2, BLOCK_POINTS)."""
     width = net.width
     at = len(net.theta) - 2
     for j in range(2):
@@ -208,7 +207,7 @@ def backward(net: Net, tape: Tape, n: int, g: F32, grad: F32) -> None:
 
 @compiled
 def heights(net: Net, uv: F32) -> F32:
-    """(N, 2) near and far height at uv, (N, 2)."""
+    """(N, 2): near and far height at uv, (N, 2)."""
     a, b = np.empty((net.width, BLOCK_POINTS), np.float32), np.empty((net.width, BLOCK_POINTS), np.float32)
     x, y = np.empty((2, BLOCK_POINTS), np.float32), np.empty((2, BLOCK_POINTS), np.float32)
     out = np.empty_like(uv)
@@ -216,7 +215,7 @@ def heights(net: Net, uv: F32) -> F32:
         n = min(BLOCK_POINTS, len(uv) - at)
         for t in range(n):
             x[0, t], x[1, t] = uv[at + t, 0], uv[at + t, 1]
-        values(net, x, _filled(x, n), a, b, y)
+        evaluate(net, x, _filled(x, n), a, b, y)
         for t in range(n):
             out[at + t, 0], out[at + t, 1] = y[0, t], y[1, t]
     return out
@@ -224,7 +223,7 @@ def heights(net: Net, uv: F32) -> F32:
 
 @compiled
 def heights_gradient(net: Net, uv: F32, g: F32) -> F32:
-    """(P,) gradient of sum(g * heights) in theta; uv and g are (N, 2)."""
+    """(P,): gradient of sum(g * heights) in theta; uv and g are (N, 2)."""
     tape, d = new_tape(net), np.empty((2, BLOCK_POINTS), np.float32)
     grad = np.zeros(len(net.theta), np.float32)
     for at in range(0, len(uv), BLOCK_POINTS):
@@ -280,17 +279,17 @@ def jacobian(net: Net, uv: F32, side: I64) -> F32:
 
 @inlined
 def _place(point: F32, box: F32, x: F32, m: int) -> None:
-    """Column m of x: where a network is evaluated for a point (3,) of its frame."""
+    """Set column m of x to where a network is evaluated for a point (3,) of its frame: clamped to the domain box."""
     for c in range(2):
         x[c, m] = min(max(point[c], box[c, 0]), box[c, 1])
 
 
 @inlined
-def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
-    """The joint loss of a batch; grad, (K, P), becomes its gradient in theta.
+def joint_gradient(theta: F32, loss: LossData, batch: Batch, grad: F32) -> float:
+    """Return the joint loss of a batch, and set grad, (K, P), to its gradient in theta.
 
-    Pass one evaluates f with all active fields and keeps nothing. Pass two evaluates the field that decides about a
-    sample once more, and goes back through it.
+    Pass one evaluates all active fields and keeps nothing. Pass two evaluates again the field that answers for a
+    sample, and goes back through it.
     """
     shapes, boxes, surface, space = loss
     K, first, total = len(theta), len(batch.surface), len(batch.surface) + len(batch.space)
@@ -299,7 +298,7 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
     x, y = np.empty((2, BLOCK_POINTS), np.float32), np.empty((2, BLOCK_POINTS), np.float32)
     value, on_far = np.empty((K, BLOCK_POINTS), np.float32), np.empty((K, BLOCK_POINTS), np.bool_)
     column = np.empty(BLOCK_POINTS, np.int64)
-    # Of every sample: which field decides, with which height, and the slope of its cost in that.
+    # For every sample: which field answers, with which height, and the slope of the cost in the field's value.
     field, side, slope = np.empty(total, np.int64), np.empty(total, np.int64), np.zeros(total, np.float32)
     cost = 0.0
     for of_space in range(2):
@@ -321,7 +320,7 @@ def joint_gradient(theta: F32, loss: Loss, batch: Batch, grad: F32) -> float:
                     continue
                 w = shapes.widths[k]
                 net = Net(theta[k, : shapes.counts[k]], w, shapes.layers, shapes.omegas[k])
-                values(net, x, _filled(x, m), a[:w], b[:w], y)
+                evaluate(net, x, _filled(x, m), a[:w], b[:w], y)
                 for c in range(m):
                     t = column[c]
                     z = points[k, rows[t], 2]

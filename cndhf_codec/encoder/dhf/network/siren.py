@@ -17,9 +17,9 @@ from . import kernel
 
 @dataclass(frozen=True, eq=False)
 class Networks:
-    """K SIRENs with as many layers, 2 inputs and 2 outputs.
+    """K SIRENs with equally many layers, 2 inputs and 2 outputs.
 
-    theta: (K, P) float32, the weights of each in file order; those of narrower networks end in zeros.
+    theta: (K, P) float32, the weights of each in file order; rows of narrower networks end in zeros.
     """
 
     theta: torch.Tensor
@@ -31,11 +31,11 @@ class Networks:
         return len(self.theta)
 
     def shapes(self, k: int) -> list[tuple[int, ...]]:
-        """Of the tensors of network k."""
+        """Shapes of the tensors of network k."""
         return tensor_shapes(self.widths[k], self.hidden_layers)
 
     def sizes(self, k: int) -> list[int]:
-        """Weights in each tensor of network k."""
+        """Number of weights in each tensor of network k."""
         return [math.prod(s) for s in self.shapes(k)]
 
     def starts(self, k: int) -> I64:
@@ -44,7 +44,7 @@ class Networks:
 
     @property
     def counts(self) -> list[int]:
-        """Weights of each network."""
+        """Number of weights of each network."""
         return [parameter_count(w, self.hidden_layers) for w in self.widths]
 
     def row(self, k: int) -> torch.Tensor:
@@ -64,7 +64,7 @@ class Networks:
         return replace(self, theta=self.theta.detach().clone())
 
     def net(self, k: int) -> kernel.Net:
-        """Network k as the functions of `kernel` take it; its weights are a view."""
+        """Network k for the functions of `kernel`; its weights are a view."""
         return kernel.Net(
             self.row(k).detach().numpy(), self.widths[k], self.hidden_layers + 1, np.float32(self.omegas[k])
         )
@@ -76,7 +76,7 @@ class Networks:
 
 
 def stacked(networks: Sequence[Networks]) -> Networks:
-    """All networks in one; they have as many layers."""
+    """Join networks, which must have equally many layers."""
     longest = max(n.theta.shape[1] for n in networks)
     return Networks(
         torch.cat([torch.nn.functional.pad(n.theta, (0, longest - n.theta.shape[1])) for n in networks]),
@@ -87,7 +87,7 @@ def stacked(networks: Sequence[Networks]) -> Networks:
 
 
 def initialise(width: int, hidden_layers: int, omega: float, generator: torch.Generator) -> Networks:
-    """One random network as in Sitzmann et al., "Implicit Neural Representations with Periodic Activation
+    """Make one random network as in Sitzmann et al., "Implicit Neural Representations with Periodic Activation
     Functions" (2020): first layer U(+-1 / inputs), others U(+-sqrt(6 / inputs) / omega)."""
     parts, inputs = [], 0
     for k, shape in enumerate(tensor_shapes(width, hidden_layers)):
@@ -104,7 +104,7 @@ def heights(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
 
 
 def forward(networks: Networks, k: int, uv: torch.Tensor) -> torch.Tensor:
-    """(..., 2) -> (..., 2): near and far height of network k, by torch's own differentiation."""
+    """(..., 2) -> (..., 2): near and far height of network k, by torch's own functions."""
     tensors, x = networks.tensors(k), uv
     for at in range(0, len(tensors) - 2, 2):
         x = torch.sin(networks.omegas[k] * torch.nn.functional.linear(x, tensors[at], tensors[at + 1]))

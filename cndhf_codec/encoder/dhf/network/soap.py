@@ -1,7 +1,7 @@
 """SOAP for small networks: Adam in the eigenbasis of Shampoo's preconditioner.
 
-Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024). Compiled: with matrices as small as
-these, calls of a library's functions would cost more than the networks' own forward and backward pass.
+Vyas et al., "SOAP: Improving and Stabilizing Shampoo using Adam" (2024). It is compiled here: with matrices as small as
+these, calls of a library's functions would take more time than the networks' own forward and backward pass.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from .vectors import LANES, add_outer, set_product
 
 # Evidence for these constants: ADR 019.
 #
-# Steps that moments and preconditioners remember, about. In networks wider than FULL_MEMORY_WIDTH they are out of date
-# sooner: by the fourth power of the width.
+# About how many steps moments and preconditioners remember. In networks wider than FULL_MEMORY_WIDTH they are out of
+# date sooner, so these remember fewer, by the fourth power of the width.
 MEMORY, LEAST_MEMORY, FULL_MEMORY_WIDTH = 20.0, 4.0, 24
 EPSILON = np.float32(1e-8)
 SHIFT = 1e-6  # of the preconditioners' eigenvalues, relative to their largest entry
-FIRST_ITERATIONS = 10  # of the eigenbasis, from the first gradient
+FIRST_ITERATIONS = 10  # of the orthogonal iteration that starts the eigenbasis
 EIGENBASIS_EVERY = 10  # steps between refreshes of the eigenbasis
 
-# Phases of `soap_update`: the gradient into the eigenbasis and the update out of it; where the eigenbasis is refreshed,
-# the first moment out of the old one and into the new one.
+# Phases of `soap_update`: take the gradient into the eigenbasis, and the update out of it. Where the eigenbasis is
+# refreshed, also take the first moment out of the old one and into the new one.
 GRADIENT_IN, UPDATE_OUT, MOMENT_OUT, MOMENT_IN = range(4)
 
 
 class State(NamedTuple):
-    """What SOAP knows of K networks of M matrices each.
+    """The state of SOAP for K networks of M matrices each.
 
-    places: (K, M, 3) where each matrix starts in a row of theta, its rows and its columns. decay: (K,) share of the
+    places: (K, M, 3) where each matrix begins in a row of theta, its rows and its columns. decay: (K,) share of the
     preconditioners and moments that a step replaces. preconditioners, eigenbases: (K, M, 2, S, S) for the rows and for
     the columns of each matrix, with zeros beyond its size. first, second: (K, P) moments, in the eigenbasis.
     """
@@ -48,7 +48,7 @@ class State(NamedTuple):
 
 
 class Soap:
-    """Steps the weights of some networks in place."""
+    """The optimiser of some networks, whose weights it changes in place."""
 
     def __init__(self, networks: Networks) -> None:
         self._theta = networks.theta.detach()
@@ -58,7 +58,7 @@ class Soap:
         memory = np.maximum(MEMORY * np.minimum(1.0, (FULL_MEMORY_WIDTH / widths) ** 4), LEAST_MEMORY)
         decay = (1 / memory).astype(np.float32)
         first, second = (np.zeros(self._theta.shape, np.float32) for _ in range(2))
-        # Whole vectors.
+        # Rounded up to whole vectors.
         side = max(networks.widths) + -max(networks.widths) % LANES
         preconditioners, eigenbases = (np.zeros((*places.shape[:2], 2, side, side), np.float32) for _ in range(2))
         self.state = State(places, decay, preconditioners, eigenbases, first, second)
@@ -68,8 +68,8 @@ class Soap:
         _first_eigenbases(gradient.detach().numpy(), self.state)
 
     def step(self, gradient: torch.Tensor, rate: float | F64) -> None:
-        """One step along `gradient`, (K, P), at one learning rate or, (K,), at each network's own. The first call only
-        sets up the eigenbases."""
+        """Take a step along `gradient`, (K, P), at one learning rate, or at one for each network, (K,). The first call
+        only sets up the eigenbases."""
         if not self.started:
             self.start(gradient)
             return
@@ -82,8 +82,8 @@ class Soap:
         return bool(self.state.eigenbases.any())
 
     def plan(self, rates: F64) -> tuple[F32, Mask]:
-        """Count some steps as taken, at the learning rates (S, K). Returns the scale (S, K) that `soap_update` takes
-        for each of them, and (S,) whether it refreshes the eigenbases."""
+        """Count S steps as taken, at learning rates (S, K). Returns the scales (S, K) for `soap_update`, and whether it
+        refreshes the eigenbases, (S,)."""
         numbers = self._taken + 1 + np.arange(len(rates))
         self._taken += len(rates)
         correction = 1 - (1 - self.state.decay.astype(np.float64)) ** numbers[:, None]
@@ -97,14 +97,14 @@ def _places(networks: Networks, k: int) -> list[tuple[int, ...]]:
 
 @inlined
 def _product(A: F32, B: F32, out: F32, columns: int) -> None:
-    """out[: rows of A, :columns] = A B; overwrites what is beyond, up to whole vectors."""
+    """Set out[: rows of A, :columns] = A B. Overwrites further columns, up to whole vectors."""
     none = np.zeros(A.shape[0], np.float32)
     set_product(A, B, none, np.float32(1), out, columns + -columns % LANES)
 
 
 @inlined
 def _load(row: F32, at: int, rows: int, columns: int, out: F32) -> None:
-    """The matrix that begins at `at`, with zeros beyond."""
+    """Set `out` to the matrix that begins at `at`, with zeros beyond its size."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = row[at + i * columns + j] if i < rows and j < columns else 0
@@ -119,7 +119,7 @@ def _store(matrix: F32, row: F32, at: int, rows: int, columns: int) -> None:
 
 @inlined
 def _flip(matrix: F32, out: F32) -> None:
-    """The transpose."""
+    """Set `out` to the transpose."""
     for i in range(matrix.shape[0]):
         for j in range(matrix.shape[1]):
             out[j, i] = matrix[i, j]
@@ -142,10 +142,9 @@ def _update_preconditioners(g: F32, rows: int, columns: int, decay: np.float32, 
 
 @inlined
 def _iterate(matrix: F32, basis: F32) -> None:
-    """One step of orthogonal iteration: the basis becomes an orthonormal one of (matrix + shift) basis.
+    """Take a step of orthogonal iteration: set `basis` to an orthonormal basis of (matrix + shift) basis.
 
-    Gram-Schmidt, twice over, in float64: LAPACK's solvers give NaN for some matrices with few numbers that are not
-    zero.
+    By Gram-Schmidt, twice, in float64: LAPACK's solvers give NaN for some matrices that are mostly zero.
     """
     n = len(matrix)
     largest = 1e-30
@@ -198,8 +197,8 @@ def _first_eigenbases(gradient: F32, state: State) -> None:
 
 @inlined
 def _refresh(preconditioners: F32, eigenbases: F32, squares: F32, half: F32, whole: F32) -> None:
-    """Bring both eigenbases of a matrix nearer to those of its preconditioners; its second moments go along. Overwrites
-    half and whole."""
+    """Bring both eigenbases of a matrix nearer to those of its preconditioners, and sort its second moments alike.
+    Overwrites half and whole."""
     for side in range(2):
         n = squares.shape[side]
         preconditioner, basis = preconditioners[side, :n, :n], eigenbases[side, :n, :n]
@@ -230,16 +229,18 @@ def _refresh(preconditioners: F32, eigenbases: F32, squares: F32, half: F32, who
 def soap_update(
     theta: F32, gradient: F32, held: Mask, k: int, m: int, state: State, scale: np.float32, refresh: bool
 ) -> None:
-    """Step matrix m of network k and the biases after it in theta, (K, P), but for what is held; overwrites their
-    gradient. Brings the moments, in the eigenbasis, and the preconditioners up to date, and then the eigenbases where
-    they are to be refreshed."""
+    """Take a step with matrix m of network k and the biases after it, in theta, (K, P), except for held weights.
+
+    Updates the moments, in the eigenbasis, the preconditioners, and, with `refresh`, the eigenbases. Overwrites the
+    gradient of the matrix and the biases.
+    """
     decay, first, second = state.decay[k], state.first, state.second
     preconditioners, eigenbases = state.preconditioners[k, m], state.eigenbases[k, m]
     work = np.empty((4, *preconditioners.shape[-2:]), np.float32)
     g, half, whole, other = work[0], work[1], work[2], work[3]
     at, rows, columns = state.places[k, m]
     left, right, row = eigenbases[0], eigenbases[1], gradient[k]
-    # A loop over phases: what is inlined twice takes twice as long to compile.
+    # A loop over phases: code that is inlined twice takes twice as long to compile.
     for phase in range(MOMENT_IN + 1 if refresh else UPDATE_OUT + 1):
         source = row if phase <= UPDATE_OUT else first[k]
         _load(source, at, rows, columns, g)
@@ -269,7 +270,7 @@ def soap_update(
 
 @compiled
 def _update_all(theta: F32, gradient: F32, state: State, scale: F32, refresh: bool) -> None:
-    """Step all weights of theta, (K, P); overwrites the gradient."""
+    """Take a step with all weights of theta, (K, P). Overwrites the gradient."""
     held = np.zeros(theta.shape, np.bool_)
     for k in range(len(theta)):
         for m in range(state.places.shape[1]):

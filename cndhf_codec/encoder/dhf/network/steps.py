@@ -1,7 +1,7 @@
-"""Steps of the joint fit, compiled: threads that work on the same step and wait for each other.
+"""Compiled steps of the joint fit: threads work on the same step and wait for each other.
 
 A step takes about a millisecond. Handing its parts to threads through the interpreter, and waking them, would take a
-third of that; here every thread runs through all steps, and looks at what the others have reached.
+third of that. Here every thread runs through all steps, and watches counters that say how far the others are.
 """
 
 from __future__ import annotations
@@ -17,31 +17,35 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from ....arrays import F32, F64, I64, Mask
-from .kernel import Batch, Loss, compiled, inlined, joint_gradient
+from .kernel import Batch, LossData, compiled, inlined, joint_gradient
 from .soap import State, soap_update
 
 # Evidence for these constants: ADR 021.
-SHARDS = 4  # pieces of a batch that threads work on; as many on every machine, so that their sum is the same
-APART = 16  # places between two threads' counters: not in one line of a cache
-ALL_DONE = 2**62  # more than there are meetings
+SHARDS = 4  # pieces of a batch that threads work on; equally many on every machine, so that the sums are the same
+APART = 16  # distance between two threads' counters: they must not share a line of the cache
+ALL_DONE = 2**62  # more than any number of meetings
 GIVE_WAY = "SwitchToThread" if sys.platform == "win32" else "sched_yield"  # the system's function
-PATIENCE = 500  # times that a thread looks at another's counter before it lets other programs have the processor
+PATIENCE = 500  # times that a thread reads another's counter before it gives way to other programs
 
-Counters = I64  # of the meetings that each thread has come to
+Counters = I64  # number of the meeting that each thread has reached
 
 
 class Batches(NamedTuple):
-    """Rows of the samples of S steps. surface: (S, B), space: (S, C). surface_scale, space_scale: what each counts."""
+    """Samples of S steps. surface: (S, B) and space: (S, C) rows. surface_scale, space_scale: as in `Batch`."""
 
     surface: I64
     space: I64
     surface_scale: np.float32
     space_scale: np.float32
 
+    def part(self, first: int, last: int) -> Batches:
+        """Steps from `first` to `last` - 1."""
+        return self._replace(surface=self.surface[first:last], space=self.space[first:last])
 
-class Plan(NamedTuple):
-    """How weights are to change in S steps. scales: (S, K) and refreshes: (S,), as `Soap.plan` gives them. held: (K, P)
-    weights that stay as they are."""
+
+class StepPlan(NamedTuple):
+    """How weights change in S steps. scales: (S, K) and refreshes: (S,), from `Soap.plan`. held: (K, P) weights that
+    stay as they are."""
 
     scales: F32
     refreshes: Mask
@@ -49,8 +53,8 @@ class Plan(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What steps write. gradients: (SHARDS, K, P). losses: (S, SHARDS), the loss of a step is the sum of its row.
-    pulled: (K,) set for each network with a gradient."""
+    """Arrays that steps write to. gradients: (SHARDS, K, P). losses: (S, SHARDS), the loss of a step is the sum of its
+    row. pulled: (K,) set to true for each network with a gradient."""
 
     gradients: F32
     losses: F64
@@ -59,7 +63,7 @@ class Output(NamedTuple):
 
 @contextmanager
 def not_waited_for(counters: Counters) -> Iterator[None]:
-    """A thread that fails in here lets the others go on."""
+    """Let the other threads go on when this one fails in here."""
     try:
         yield
     except BaseException:
@@ -73,8 +77,8 @@ def _counter(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> A
 
 
 @intrinsic
-def _seen(typing: Any, counters: Any, place: Any) -> Any:
-    """A counter; what its thread wrote before it counted can be read after this."""
+def _read_counter(typing: Any, counters: Any, place: Any) -> Any:
+    """Read a counter. Everything that its thread wrote before setting it can be read after this."""
 
     def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
         return b.load_atomic(_counter(context, b, signature.args[0], *args), "acquire", 8)
@@ -83,8 +87,8 @@ def _seen(typing: Any, counters: Any, place: Any) -> Any:
 
 
 @intrinsic
-def _show(typing: Any, counters: Any, place: Any, value: Any) -> Any:
-    """Set a counter, when all that was written before can be read."""
+def _set_counter(typing: Any, counters: Any, place: Any, value: Any) -> Any:
+    """Set a counter, after making everything written before readable."""
 
     def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
         b.store_atomic(args[2], _counter(context, b, signature.args[0], *args[:2]), "release", 8)
@@ -106,11 +110,11 @@ def _give_way(typing: Any) -> Any:
 
 @inlined
 def _meet(counters: Counters, me: int, threads: int, meeting: int) -> None:
-    """Wait until all threads have come to this meeting."""
-    _show(counters, me * APART, meeting)
+    """Wait until all threads have reached this meeting."""
+    _set_counter(counters, me * APART, meeting)
     for other in range(threads):
         looks = 0
-        while _seen(counters, other * APART) < meeting:
+        while _read_counter(counters, other * APART) < meeting:
             looks += 1
             if looks > PATIENCE:
                 _give_way()
@@ -118,11 +122,18 @@ def _meet(counters: Counters, me: int, threads: int, meeting: int) -> None:
 
 @compiled
 def take_steps(
-    me: int, counters: Counters, theta: F32, loss: Loss, batches: Batches, optimiser: State, plan: Plan, out: Output
+    me: int,
+    counters: Counters,
+    theta: F32,
+    loss: LossData,
+    batches: Batches,
+    optimiser: State,
+    plan: StepPlan,
+    out: Output,
 ) -> None:
-    """What thread `me` does of some steps. All threads call this at once, with the same arrays.
+    """Do the share of thread `me` of some steps. All threads call this at once, with the same arrays.
 
-    counters: (threads * APART,) zeros. Where the plan has no rates, the weights stay as they are, and out.gradients[0]
+    counters: (threads * APART,) zeros. Where the plan has no scales, the weights stay as they are, and out.gradients[0]
     ends as the gradient.
     """
     threads = len(counters) // APART

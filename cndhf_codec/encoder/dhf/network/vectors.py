@@ -1,8 +1,8 @@
 """Products of small matrices with long ones, and sines, in explicit vector instructions.
 
-What the compiler makes of plain loops reaches a third of the processor's speed on matrices of some twenty by twenty: it
-keeps no block of the result in registers. Here every number of a result is summed in the order that is written, by
-fused multiplications and additions, so that results do not depend on what else is compiled.
+The compiler's code for plain loops reaches a third of the processor's speed on matrices of some twenty by twenty: it
+keeps no block of the result in registers. Here every number of a result is summed in the order written, by fused
+multiply-adds, so that results do not depend on what else is compiled.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from numba.extending import intrinsic
 from ....arrays import F32
 
 # Evidence for these constants: ADR 020.
-LANES = 16  # numbers of a vector; processors with shorter ones take several at a time
-# Whether numba compiles for a processor with vectors of 16 and 32 registers for them.
+LANES = 16  # numbers in a vector; processors with shorter vectors use several
+# Whether numba compiles for a processor with vectors of 16 numbers, and 32 registers for them.
 HAS_AVX512 = "+avx512f" in (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten())
-PRODUCT_ROWS, PRODUCT_VECTORS = 4, 4 if HAS_AVX512 else 1  # of a block of a product, as many as registers hold
+PRODUCT_ROWS, PRODUCT_VECTORS = 4, 4 if HAS_AVX512 else 1  # in a block of a product, as many as registers hold
 DOWN, ACROSS = (4, 4) if HAS_AVX512 else (2, 4)  # rows and columns of a block of an outer product
 
 
 _FLOAT, _INT = ir.FloatType(), ir.IntType(32)
 _VECTOR = ir.VectorType(_FLOAT, LANES)
 _INTEGERS = ir.VectorType(_INT, LANES)
-_SUMS = ir.VectorType(_FLOAT, DOWN * ACROSS)  # as long as there are sums in a block of an outer product
+_SUMS = ir.VectorType(_FLOAT, DOWN * ACROSS)  # one number per sum in a block of an outer product
 
 
 def _lanes(b: Any, first: Any, second: Any, lanes: list[int]) -> Any:
-    """Those lanes of two vectors, one after the other."""
+    """Pick lanes of two vectors, counted through the first and then the second."""
     return b.shuffle_vector(first, second, ir.Constant(ir.VectorType(_INT, len(lanes)), lanes))
 
 
 def _spread(b: Any, number: Any) -> Any:
-    """A vector of equal numbers."""
+    """Make a vector of equal numbers."""
     none = ir.Constant(_VECTOR, ir.Undefined)
     return _lanes(b, b.insert_element(none, number, ir.Constant(_INT, 0)), none, [0] * LANES)
 
@@ -50,12 +50,12 @@ def _fused(b: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 def _no_further(b: Any, place: Any, end: Any) -> Any:
-    """The last line in place of lines beyond it: what comes of those is not stored."""
+    """Replace lines beyond the last by the last. Their results are not stored."""
     return b.select(b.icmp_signed("<", place, end), place, b.sub(end, ir.Constant(end.type, 1)))
 
 
 class _Array:
-    """A one- or two-dimensional float32 array in the code that is being made."""
+    """A one- or two-dimensional float32 array in the code that is being generated."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
         array = context.make_array(kind)(context, builder, value)
@@ -73,7 +73,7 @@ class _Array:
         return self._b.load(self._at(places, _FLOAT))
 
     def vector(self, *places: Any, kind: Any = _VECTOR) -> Any:
-        """The numbers from there on; those of the last dimension lie side by side."""
+        """Load the numbers from there on; those of the last dimension lie side by side."""
         loaded = self._b.load(self._at(places, kind))
         loaded.align = 4
         return loaded
@@ -88,8 +88,8 @@ class _Array:
 def _block_of_product(vectors: int) -> Any:
     @intrinsic
     def block(typing: Any, W: Any, x: Any, start: Any, scale: Any, z: Any, j: Any, t: Any) -> Any:
-        """z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on and vectors * LANES columns
-        from t on."""
+        """Set z[r, c] = scale (start[r] + W[r] x[:, c]) for at most PRODUCT_ROWS rows from j on and vectors * LANES
+        columns from t on."""
 
         def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
             W, x, start, z = (_Array(context, b, signature.args[i], args[i]) for i in (0, 1, 2, 4))
@@ -123,7 +123,7 @@ def _block_of_product(vectors: int) -> Any:
 
 @intrinsic
 def _block_of_outer(typing: Any, d: Any, x: Any, G: Any, j: Any, i: Any, n: Any) -> Any:
-    """G[j:, i:] += d[j:, :n] x[i:, :n]^T for DOWN rows and ACROSS columns at most."""
+    """Add d[j:, :n] x[i:, :n]^T to G[j:, i:], for at most DOWN rows and ACROSS columns."""
 
     def generate(context: Any, b: Any, signature: Any, args: Any) -> Any:
         d, x, G = (_Array(context, b, signature.args[k], args[k]) for k in range(3))
@@ -140,7 +140,7 @@ def _block_of_outer(typing: Any, d: Any, x: Any, G: Any, j: Any, i: Any, n: Any)
             right = [x.vector(line, t, kind=_SUMS) for line in x_lines]
             for k, s in enumerate(sums):
                 b.store(_fused(b, left[k // ACROSS], right[k % ACROSS], b.load(s)), s)
-        # Lanes are added two by two, of two vectors at once, until lane k is the sum of vector k.
+        # Add lanes two by two, of two vectors at once, until lane k is the sum of vector k.
         parts, even = [b.load(s) for s in sums], list(range(0, 2 * _SUMS.count, 2))
         while len(parts) > 1:
             parts = [
@@ -170,7 +170,7 @@ def _constant(value: float) -> Any:
 
 
 def _polynomial(b: Any, x: Any, coefficients: tuple[float, ...]) -> Any:
-    """Highest power first."""
+    """Evaluate a polynomial, highest power first."""
     total = _constant(coefficients[0])
     for c in coefficients[1:]:
         total = _fused(b, total, x, _constant(c))
@@ -178,7 +178,8 @@ def _polynomial(b: Any, x: Any, coefficients: tuple[float, ...]) -> Any:
 
 
 def _reduced(b: Any, a: Any, quarters: int) -> tuple[Any, Any, Any]:
-    """The nearest multiple k of `quarters` * pi / 2, as integers, what it leaves of a, and the square of that."""
+    """Subtract from a the nearest multiple, k, of `quarters` * pi / 2. Returns k as integers, the rest, and its
+    square."""
     rint = cgutils.get_or_insert_function(b.module, ir.FunctionType(_VECTOR, [_VECTOR]), f"llvm.rint.v{LANES}f32")
     k = b.call(rint, [b.fmul(a, _constant(2 / (quarters * np.pi)))])
     for part in _QUARTER:
@@ -187,7 +188,7 @@ def _reduced(b: Any, a: Any, quarters: int) -> tuple[Any, Any, Any]:
 
 
 def _negative_where(b: Any, x: Any, bits: Any, bit: int) -> Any:
-    """x, with its sign changed where that bit is set."""
+    """Change the sign of x where that bit is set."""
     whole = lambda n: ir.Constant(_INTEGERS, [n] * LANES)  # noqa: E731
     sign = b.shl(b.and_(bits, whole(1 << bit)), whole(31 - bit))
     return b.bitcast(b.xor(b.bitcast(x, _INTEGERS), sign), _VECTOR)
@@ -229,7 +230,7 @@ def _sine_and_cosine_block(typing: Any, z: Any, sine: Any, cosine: Any, j: Any, 
 
 @numba.njit(nogil=True)
 def sine_in_place(z: F32, n: int) -> None:
-    """Of z[:, :n]; to 1e-7 for |z| < 1000. n is a multiple of LANES."""
+    """Replace z[:, :n] by its sine, to 1e-7 for |z| < 1000. n is a multiple of LANES."""
     for j in range(z.shape[0]):
         for t in range(0, n, LANES):
             _sine_block(z, j, t)
@@ -237,7 +238,7 @@ def sine_in_place(z: F32, n: int) -> None:
 
 @numba.njit(nogil=True)
 def sine_and_cosine(z: F32, sine: F32, cosine: F32, n: int) -> None:
-    """Of z[:, :n]; to 1e-7 for |z| < 1000. n is a multiple of LANES."""
+    """Set sine and cosine to those of z[:, :n], to 1e-7 for |z| < 1000. n is a multiple of LANES."""
     for j in range(z.shape[0]):
         for t in range(0, n, LANES):
             _sine_and_cosine_block(z, sine, cosine, j, t)
@@ -248,7 +249,7 @@ _wide_block, _narrow_block = _block_of_product(PRODUCT_VECTORS), _block_of_produ
 
 @numba.njit(nogil=True)
 def set_product(W: F32, x: F32, start: F32, scale: np.float32, z: F32, n: int) -> None:
-    """z[:, :n] = scale (start + W x[:, :n]); start is added to every column. n is a multiple of LANES."""
+    """Set z[:, :n] = scale (start + W x[:, :n]); start is added to every column. n is a multiple of LANES."""
     rows = len(W)
     t = 0
     while t + PRODUCT_VECTORS * LANES <= n:
@@ -263,7 +264,7 @@ def set_product(W: F32, x: F32, start: F32, scale: np.float32, z: F32, n: int) -
 
 @numba.njit(nogil=True)
 def add_outer(d: F32, x: F32, G: F32, n: int) -> None:
-    """G += d[:, :n] x[:, :n]^T. n is a multiple of LANES."""
+    """Add d[:, :n] x[:, :n]^T to G. n is a multiple of LANES."""
     rows, columns = G.shape
     for j in range(0, rows, DOWN):
         for i in range(0, columns, ACROSS):

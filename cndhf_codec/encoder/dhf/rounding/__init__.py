@@ -1,1 +1,1 @@
-"""Weights to whole multiples of their steps, with error feedback, to the size asked for."""
+"""Round weights to whole multiples of their steps, with error feedback, to the target size."""

@@ -1,8 +1,8 @@
-"""Rounding the weights of a fitted model with error feedback, against the joint loss.
+"""Round the weights of fitted networks with error feedback, so that the joint loss rises least.
 
-H, the Gauss-Newton matrix of the joint loss, says what a change of the weights costs. Weights are rounded one after
-the other, and the error of each is compensated by those still to be rounded, as in GPTQ (Frantar et al., 2022); Babai's
-nearest plane is the same rule.
+H, the Gauss-Newton matrix of the joint loss, says what a change of the weights costs. Weights are rounded one after the
+other, and the weights still to be rounded compensate each error, as in GPTQ (Frantar et al., 2022). Babai's nearest
+plane is the same rule.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from .gauss_newton import gauss_newton_blocks
 
 # Evidence for these constants: ADR 023; GROWTH, GAUSSIAN_BITS: 024; COARSEST_OCTAVES: 014.
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
-ROUND_SHARE = 0.5  # of the free weights is fixed by each round but the last
-MOST_TOGETHER = 9000  # weights of a network whose errors feed each other: their matrix must fit in memory
-GROWTH = 2.0  # room for what feedback and training add to the largest weight of a tensor
-COARSEST_OCTAVES = 2.5  # at most so much coarser than those of another network are a network's steps
+ROUND_SHARE = 0.5  # of the free weights that each round fixes; the last fixes all
+MOST_TOGETHER = 9000  # weights of a network that compensate each other: their matrix must fit in memory
+GROWTH = 2.0  # times that feedback and training may raise the largest weight of a tensor
+COARSEST_OCTAVES = 2.5  # most by which a network's steps are coarser than those of the finest
 GAUSSIAN_BITS = 2.05  # entropy of a rounded Gaussian of standard deviation 1: 0.5 log2(2 pi e)
 
 Codes = I64  # (K, tensors) step codes
@@ -38,8 +38,8 @@ Codes = I64  # (K, tensors) step codes
 
 @dataclass(frozen=True, eq=False)
 class Rounding:
-    """How networks are rounded. codes: step codes. matrices: what `gauss_newton_matrices` gives for the networks as
-    they come."""
+    """How networks are rounded. codes: (K, tensors) step codes. matrices: the result of `gauss_newton_matrices` for the
+    networks before rounding."""
 
     settings: DhfSettings
     codes: Codes
@@ -48,15 +48,15 @@ class Rounding:
 
 
 def gauss_newton_matrices(networks: Networks, loss: JointLoss, seed: int, threads: ThreadPool) -> list[list[F64]]:
-    """For every part of the weights that is rounded together, the Gauss-Newton matrix of each network."""
+    """Make the Gauss-Newton matrix of each network, for every group of weights that are rounded together."""
     return [gauss_newton_blocks(networks, loss, seed, threads, part) for part in _parts(networks)]
 
 
 def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
-    """(K, tensors) log2 of the step of every tensor of every network, up to a common level.
+    """Choose log2 of the step of every tensor, (K, tensors), up to a common level.
 
-    Rounding weight i with step d costs in proportion to (d / U_ii)^2, where H^-1 = U^T U, when its error is fed to the
-    weights after it. Equal costs spend the fewest bits: the step of a tensor is proportional to the geometric mean of
+    When the later weights compensate its error, rounding weight i with step d costs in proportion to (d / U_ii)^2,
+    where H^-1 = U^T U. Equal costs spend the fewest bits, so a tensor's step is in proportion to the geometric mean of
     its U_ii. No network's steps are more than COARSEST_OCTAVES coarser, on average, than those of the finest.
     """
     logs = [
@@ -64,17 +64,17 @@ def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
         for k in range(len(networks))
     ]
     levels = np.array([of_network.mean() for of_network in logs])
-    # What hardly matters now would matter if it were rounded to something else altogether.
+    # A network that hardly matters now would matter if coarse steps changed it altogether.
     excess = np.maximum(levels - levels.min() - COARSEST_OCTAVES, 0)
     return _by_tensor(np.add, networks, logs) / _sizes(networks) - excess[:, None]
 
 
 def step_codes(networks: Networks, logs: F64, bits: float) -> Codes:
-    """Step code of every tensor, for about `bits` bits per weight; `logs` is what `relative_steps` gives."""
+    """Choose step codes for about `bits` bits per weight. logs: the result of `relative_steps`."""
     theta, sizes = networks.weights(), _sizes(networks)
     rows = [row[:count] for row, count in zip(theta, networks.counts, strict=True)]
     spread = np.log2(np.maximum(np.sqrt(_by_tensor(np.add, networks, [row**2 for row in rows]) / sizes), 1e-9))
-    # Bits of a tensor at step 2^(log + level), as for Gaussians; bisect the level.
+    # A tensor at step 2^(log + level) takes about the bits of a Gaussian. Bisect the level.
     low, high = -60.0, 60.0
     for _ in range(60):
         level = (low + high) / 2
@@ -92,8 +92,8 @@ def round_networks(
 ) -> None:
     """Round all weights in place to multiples of their steps, in `settings.rounds` rounds.
 
-    Each round fixes the costliest half of what is free (the last one all of it), and the free weights are trained on
-    for `settings.round_steps` steps between rounds.
+    Each round fixes the costliest half of the free weights, and the last round all of them. Between rounds the free
+    weights are trained on for `settings.round_steps` steps.
     """
     settings, seed = rounding.settings, rounding.seed
     steps = weight_steps(networks, rounding.codes)
@@ -128,8 +128,8 @@ def round_networks(
 
 
 def _parts(networks: Networks) -> Mask:
-    """(parts, K, P) masks of the weights that are rounded together: whole tensors, and all of a network's when they are
-    few."""
+    """(groups, K, P) masks of the weights that are rounded together: whole tensors, and whole networks where these are
+    small."""
     counts = [math.ceil(n / MOST_TOGETHER) for n in networks.counts]
     masks = np.zeros((max(counts), *networks.theta.shape), dtype=bool)
     for k, (sizes, count) in enumerate(zip(_sizes(networks), counts, strict=True)):
@@ -147,12 +147,12 @@ def weight_steps(networks: Networks, codes: Codes) -> F64:
 
 
 def _sizes(networks: Networks) -> I64:
-    """(K, tensors): how many weights each has."""
+    """(K, tensors): number of weights of each tensor."""
     return np.array([networks.sizes(k) for k in range(len(networks))])
 
 
 def _by_tensor(sum_or_most: np.ufunc, networks: Networks, rows: list[F64]) -> F64:
-    """(K, tensors): np.add or np.maximum over the tensors of what there is of every weight, one row per network."""
+    """(K, tensors): np.add or np.maximum over each tensor, of rows with one number per weight."""
     return np.stack([sum_or_most.reduceat(row, networks.starts(k)) for k, row in enumerate(rows)])
 
 
@@ -164,7 +164,7 @@ def _inverse_factor(H: F64) -> F64:
 
 
 def _round_in_order(theta: F64, H: F64, step: F64, order: I64, count: int) -> F64:
-    """Round the first `count` weights of `order`; all later ones take up the errors."""
+    """Round the first `count` weights of `order`; all later weights compensate the errors."""
     U = dtrtri(_inverse_factor(H[np.ix_(order, order)]))[0]
     w, d = theta[order].copy(), step[order]
     for i in range(count):

@@ -1,8 +1,8 @@
 """The Gauss-Newton matrix of the joint loss.
 
-The loss is a sum of absolute values; iteratively reweighted least squares makes it one of squares: |r| is locally
-r^2 / (2 |r|). The networks share no weight and every sample is answered for by one of them, so the matrix has one
-block a network.
+The loss is a sum of absolute values. As in iteratively reweighted least squares, it is taken as a sum of squares: |r|
+is locally r^2 / (2 |r|). The networks share no weight, and one of them answers for each sample, so the matrix has one
+block per network.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from ..network import kernel
 from ..network.siren import Networks
 
 # Evidence for these constants: ADR 023.
-HINGE_WIDTH = 0.003  # least |argument| that a hinge is taken at
-KEPT_WEIGHT = 0.03  # of a hinge that is kept: what no hinge holds would run away, and come back as a floater
-JACOBIAN_ROWS = 2048  # of the Jacobian held at once
-BLOCK_COLUMNS = 512  # of the matrix that a thread adds to at a time
-SURFACE_SAMPLES, SPACE_SAMPLES = 4.0, 2.0  # that the matrices are built from, per weight of all networks
+HINGE_WIDTH = 0.003  # least |argument| with which a hinge counts
+KEPT_WEIGHT = 0.03  # of a hinge that is kept: without any weight there, rounding would make floaters
+JACOBIAN_ROWS = 2048  # computed at a time
+BLOCK_COLUMNS = 512  # of the matrix, to which one thread adds at a time
+SURFACE_SAMPLES, SPACE_SAMPLES = 4.0, 2.0  # drawn for the matrices, per weight of all networks
 
 
 def gauss_newton_blocks(networks: Networks, loss: JointLoss, seed: int, threads: ThreadPool, free: Mask) -> list[F64]:
-    """The matrix of every network, from a fresh draw of samples: rows and columns are the weights that are `free`, a
-    mask (K, P), in file order; that of a network that has none is empty."""
+    """Make the matrix of every network from a fresh draw of samples. Its rows and columns are the weights that are
+    `free`, a mask (K, P), in file order; without any, it is empty."""
     weights = sum(networks.counts)
     rng = np.random.default_rng(seed)
     surface, space = loss.active.draw(round(SURFACE_SAMPLES * weights), round(SPACE_SAMPLES * weights), rng)
@@ -35,7 +35,7 @@ def gauss_newton_blocks(networks: Networks, loss: JointLoss, seed: int, threads:
     n = len(surface)
     argument = terms.argument.abs().numpy().astype(np.float64)
     weight = terms.weight.numpy().astype(np.float64)
-    # Near zero the bend of |r| is spread over the median residual.
+    # Near zero, r^2 / (2 |r|) would be too steep: |r| counts as at least the median.
     weight[:n] /= np.maximum(argument[:n], np.median(argument[:n])) * n
     kept = terms.argument[n:].numpy() <= 0
     weight[n:] *= np.where(kept, KEPT_WEIGHT, 1.0) / np.maximum(argument[n:], HINGE_WIDTH) / max(len(space), 1)
@@ -60,7 +60,7 @@ def gauss_newton_blocks(networks: Networks, loss: JointLoss, seed: int, threads:
 
 
 def _add_square(H: F64, jacobian: F32, threads: ThreadPool) -> None:
-    """Add J^T J to the lower triangle of H; every thread has columns of its own."""
+    """Add J^T J to the lower triangle of H. Every thread has columns of its own."""
 
     def add(at: int) -> None:
         H[at:, at : at + BLOCK_COLUMNS] += jacobian[:, at:].T @ jacobian[:, at : at + BLOCK_COLUMNS]
@@ -69,7 +69,7 @@ def _add_square(H: F64, jacobian: F32, threads: ThreadPool) -> None:
 
 
 def _mirror(H: F64) -> None:
-    """Copy the lower triangle of H to the upper, column by column of blocks."""
+    """Copy the lower triangle of H to the upper, block by block."""
     for at in range(0, len(H), BLOCK_COLUMNS):
         block = H[at : at + BLOCK_COLUMNS, at : at + BLOCK_COLUMNS]
         block[:] = np.tril(block) + np.tril(block, -1).T

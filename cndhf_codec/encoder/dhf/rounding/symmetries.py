@@ -1,8 +1,8 @@
-"""Symmetries of a network: of all networks that differ only in the order, sign and phase of their neurons, and so are
-the same function, the one whose biases cost the fewest bytes.
+"""Use network symmetries to make biases cost fewer bytes.
 
-A neuron is sin(omega (w x + b)). It becomes its own negative when w and b change their signs, or when pi / omega is
-added to b; the next layer's weights for it then change theirs.
+Networks that differ only in the order, sign and phase of their neurons are the same function. A neuron is
+sin(omega (w x + b)). It becomes its own negative when w and b change their signs, or when pi / omega is added to b; the
+next layer's weights for it then change their signs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..network.siren import Networks
 
 
 def fold_biases(networks: Networks) -> Networks:
-    """A copy in which no bias of a sine layer is below 0 or above pi / (2 omega), give or take rounding."""
+    """Return a copy in which every bias of a sine layer is from 0 to pi / (2 omega), but for float32 rounding."""
     out = networks.copy()
     for k in range(len(out)):
         tensors = out.tensors(k)
@@ -34,7 +34,7 @@ def fold_biases(networks: Networks) -> Networks:
 
 
 def sort_neurons(symbols: list[Symbols]) -> list[Symbols]:
-    """One network's tensors in file order, with the neurons of every sine layer sorted by bias, none below 0."""
+    """Sort the neurons of every sine layer by bias, with no bias below 0. symbols: of one network, in file order."""
     out = [s.copy() for s in symbols]
     for at in range(0, len(out) - 2, 2):
         signs = np.where(out[at + 1] < 0, -1, 1).astype(np.int32)

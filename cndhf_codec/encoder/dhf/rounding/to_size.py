@@ -1,4 +1,4 @@
-"""Rounding to the size asked for."""
+"""Round networks to the target size."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .feedback import Rounding, gauss_newton_matrices, relative_steps, round_net
 from .symmetries import fold_biases
 
 # Evidence for these constants: ADR 026.
-LEAST_FILL = 0.95  # of the size asked for is the least that is good enough
+LEAST_FILL = 0.95  # least share of the target size that is good enough
 ATTEMPTS = 3
 FIRST_SHARE = 0.7  # of the time left goes to the first attempt
-MOST_ARTIFACTS = 2.0  # times as many as before rounding: with more, rounding has made some
+MOST_ARTIFACTS = 2.0  # times the artifacts before rounding; with more, another attempt follows
 BITS_RANGE = (3.0, 12.0)  # per weight
 
 
 def round_to_size(job: Job, plan: Plan, networks: Networks, loss: JointLoss, deadline: Deadline) -> list[DhfRecord]:
-    """Round the networks, so that the file has the size asked for. Raises EncodeError when it cannot be met."""
+    """Round the networks so that the file has the target size. Raises EncodeError when no attempt is small enough."""
     settings = job.settings
     fixed = FILE_BYTES + job.metadata_bytes + RECORD_BYTES * len(networks)
     room = None if settings.target_size is None else settings.target_size - fixed
@@ -48,7 +48,7 @@ def round_to_size(job: Job, plan: Plan, networks: Networks, loss: JointLoss, dea
         artifacts = loss.artifacts(rounded)
         if (room is None or size <= room) and artifacts < fewest:
             fewest, best = artifacts, records
-        # An artifact that rounding has made goes away with other samples, as a rule; one that was there stays.
+        # Artifacts that rounding has made usually go away with other samples; those that were there before stay.
         enough = room is None or LEAST_FILL * (room + fixed) <= size + fixed <= room + fixed
         if enough and (artifacts <= allowed or attempt > 0):
             break
@@ -62,7 +62,7 @@ def round_to_size(job: Job, plan: Plan, networks: Networks, loss: JointLoss, dea
 
 
 def _bits_for(networks: Networks, logs: F64, size: float) -> float:
-    """Bits per weight at which the plainly rounded networks take `size` bytes."""
+    """Find the bits per weight at which networks, rounded without feedback, take `size` bytes."""
     low, high = BITS_RANGE
     for _ in range(12):
         bits = (low + high) / 2
