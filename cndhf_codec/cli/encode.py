@@ -59,6 +59,11 @@ if TYPE_CHECKING:
     "or 2mm with --unit.",
 )
 @click.option(
+    "--steps",
+    type=int,
+    help="With --preset paper: steps of the fit of each field; the paper's are a million.  [default: 5000]",
+)
+@click.option(
     "--time-limit",
     metavar="SECONDS",
     type=float,
@@ -82,6 +87,7 @@ def command(
     target_error: str | None,
     unit: str | None,
     thicken: str | None,
+    steps: int | None,
     time_limit: float | None,
     seed: int,
     threads: int | None,
@@ -126,6 +132,7 @@ def command(
             target_error=target_error,
             unit=unit,
             thicken=thicken,
+            steps=steps,
             time_limit=time_limit,
             seed=seed,
             threads=threads,

@@ -44,6 +44,7 @@ def encode(
     target_error: float | str | None = None,
     unit: str | None = None,
     thicken: float | str | None = None,
+    steps: int | None = None,
     time_limit: float | None = None,
     seed: int = 0,
     threads: int | None = None,
@@ -72,6 +73,8 @@ def encode(
         The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
         Thickness of a wall that open sheets get, which have no inside otherwise; a length as in `target_error`.
+    steps : int, optional
+        Of the fit of each field, with preset "paper" only: 5,000 by default, a million in the paper.
     time_limit : float, optional
         Seconds. The fit is cut short to keep to it, and bytes then depend on the machine's speed.
     seed : int
@@ -115,7 +118,7 @@ def encode(
     >>> model.contains([[0, 0, 0.9], [0, 0, 1.1]])
     array([ True, False])
     """
-    settings = settings_for(preset, axes, width, target_size)
+    settings = settings_for(preset, axes, width, target_size, steps)
     limit = None if target_error is None else parse_length(target_error, unit, "target error")
     if limit is not None and (target_size is not None or width is not None or not isinstance(settings, DhfSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")

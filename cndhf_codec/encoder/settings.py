@@ -23,9 +23,14 @@ PRESETS: dict[str, Settings] = {"paper": PAPER, "fast": FAST, "default": DEFAULT
 
 
 def settings_for(
-    preset: str, axes: int | None = None, width: int | None = None, target_size: int | str | None = None
+    preset: str,
+    axes: int | None = None,
+    width: int | None = None,
+    target_size: int | str | None = None,
+    steps: int | None = None,
 ) -> Settings:
-    """Return a preset's settings, with the number of axes, and the width or the file's size, changed where given.
+    """Return a preset's settings, with the number of axes, the width or the file's size, and the steps changed where
+    given.
 
     Raises OptionError for an unknown preset, a value out of range, or a width and a size together.
     """
@@ -34,6 +39,10 @@ def settings_for(
     settings = PRESETS[preset]
     if axes is not None:
         settings = replace(settings, max_axes=whole_in(axes, "axes", 1, MAX_DHFS))
+    if steps is not None:
+        if not isinstance(settings, PaperSettings):
+            raise OptionError(f"preset {preset!r} takes no number of steps; they go with `paper`")
+        settings = replace(settings, steps=whole_in(steps, "steps", 1))
     if width is not None and target_size is not None:
         raise OptionError("width and target size are both given; the size decides the width, so give one of them")
     if width is not None:

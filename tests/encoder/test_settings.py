@@ -49,6 +49,8 @@ def test_options_change_only_what_they_name():
         (("fast", 65), "axes is 65; 1 to 64"),
         (("fast", None, 3), "width is 3; 4 to 128"),
         (("fast", None, 129), "width is 129"),
+        (("fast", None, None, None, 100), "'fast' takes no number of steps"),
+        (("paper", None, None, None, 0), "steps is 0"),
     ],
 )
 def test_out_of_range(arguments, message):

@@ -7,14 +7,14 @@ from functools import partial
 
 from ...mesh.solid import Solid
 from ..deadline import Deadline
-from ..dhf.fit.single import Training, fit_each, one_torch_thread
+from ..dhf.fit.single import fit_each, one_torch_thread
 from ..dhf.fit.targets import height_targets
 from ..dhf.frames import frame_for_axis
 from ..encoded import Encoded
 from ..progress import Stage
 from ..thread_pool import ThreadPool
 from .axes import choose_axes
-from .loss import TileLoss, adam
+from .fit import fit_paper
 from .quantise import quantise
 from .settings import PaperSettings
 
@@ -28,23 +28,10 @@ def encode_paper(
         return Encoded([], 0.0, 0.0, 0.0)
     frames = [frame_for_axis(axis, solid.vertices) for axis in choice.axes]
     targets = [height_targets(solid, f, settings.target_resolution) for f in frames]
-    training = Training(
-        width=settings.width,
-        hidden_layers=settings.hidden_layers,
-        omega=settings.omega,
-        steps=settings.steps,
-        learning_rate=settings.learning_rate,
-        batch=settings.batch,
-        loss=partial(TileLoss, margin=settings.margin, laplacian=settings.laplacian),
-        optimiser=adam,
-    )
-    report = stage("fit", settings.steps * len(targets))
-
-    def on_steps(done: int, total: int, loss: float) -> None:
-        report(done, loss)
-
+    fits = [partial(fit_paper, of_field, settings, seed + k, deadline) for k, of_field in enumerate(targets)]
+    on_step = stage("fit", settings.steps * len(targets))
     with one_torch_thread(), ThreadPool(threads) as pool:
-        fitted = fit_each(targets, [training] * len(targets), seed, pool, on_steps, deadline)
+        fitted = fit_each(fits, pool, on_step)
     on_rounded = stage("round", len(targets))
     records = []
     for k, (network, target) in enumerate(zip(fitted, targets, strict=True)):

@@ -42,9 +42,7 @@ class Moments(NamedTuple):
 
 
 @inlined
-def _tile_gradient(
-    y: F32, at: int, images: TileImages, tile: I64, weights: Weights, tiles: int, g: F32
-) -> float:
+def _tile_gradient(y: F32, at: int, images: TileImages, tile: I64, weights: Weights, tiles: int, g: F32) -> float:
     """g[:, at:]: gradient of the loss in the heights y[:, at:] of one of `tiles` tiles, whose first pixel is `tile`.
     Returns the tile's part of the loss."""
     side = weights.side
@@ -125,8 +123,8 @@ def adam_steps(
     for s in range(len(tiles)):
         total += _gradient(net, tape, images, tiles[s], weights, grad)
         number = taken + s + 1
-        first_correction = 1 - 0.9 ** number
-        second_correction = np.sqrt(1 - 0.999 ** number)
+        first_correction = 1 - 0.9**number
+        second_correction = np.sqrt(1 - 0.999**number)
         scale = np.float32(rates[s] * second_correction / first_correction)
         epsilon = np.float32(EPSILON * second_correction)
         for i in range(len(grad)):

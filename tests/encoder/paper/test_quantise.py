@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from threading import Event
 
 import numpy as np
 import pytest
@@ -11,29 +11,19 @@ import trimesh
 
 from cndhf_codec.decoder.dhf.network import Network
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.dhf.fit.single import PointLoss, Training, fit_each, soap
+from cndhf_codec.encoder.dhf.fit.single import Training, fit_single
 from cndhf_codec.encoder.dhf.fit.targets import height_targets
 from cndhf_codec.encoder.dhf.frames import frame_for_axis
 from cndhf_codec.encoder.paper import quantise as quantise_module
 from cndhf_codec.encoder.paper.quantise import quantise
 from cndhf_codec.encoder.paper.settings import PaperSettings
-from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.format import Container, dumps, loads
 from cndhf_codec.mesh.solid import Solid
 
 pytestmark = pytest.mark.encode
 
 SETTINGS = PaperSettings(width=8, hidden_layers=2, margin=0.01)
-TRAINING = Training(
-    width=8,
-    hidden_layers=2,
-    omega=30,
-    steps=300,
-    learning_rate=3e-3,
-    batch=512,
-    loss=partial(PointLoss, margin=0.01),
-    optimiser=soap,
-)
+TRAINING = Training(width=8, hidden_layers=2, omega=30, steps=300, learning_rate=3e-3, batch=512, margin=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +35,7 @@ def targets():
 
 @pytest.fixture(scope="module")
 def fitted(targets):
-    (network,) = fit_each([targets], [TRAINING], 0, ThreadPool(1), lambda *_: None, Deadline())
+    network = fit_single(targets, TRAINING, 0, Deadline(), Event(), lambda *_: None)
     return [t.numpy() for t in network.tensors(0)]
 
 

@@ -13,7 +13,7 @@ from .clear_space import ClearSpace
 from .joint import FULL_RATE_WIDTH, IdleNetworkError, Schedule, joint_fit
 from .loss import JointLoss
 from .samples import draw_samples
-from .single import PointLoss, Training, fit_each, soap
+from .single import Training, fit_each, fit_single
 from .targets import height_targets
 
 SINGLE_SHARE = 0.15  # of a time limit goes to the single fits
@@ -47,19 +47,17 @@ def fit_singly(job: Job, plan: Plan, deadline: Deadline) -> tuple[Networks, floa
             steps=settings.steps,
             learning_rate=settings.learning_rate * min(1.0, FULL_RATE_WIDTH / width),  # else wide ones get steep
             batch=settings.batch,
-            loss=partial(PointLoss, margin=settings.margin),
-            optimiser=soap,
+            margin=settings.margin,
         )
         for width in plan.widths
     ]
     targets = job.threads.map(lambda f: height_targets(job.solid, f, settings.target_resolution), plan.frames)
-    report = job.stage("fit", settings.steps * len(targets))
-
-    def on_steps(done: int, total: int, loss: float) -> None:
-        report(done, loss)
-
-    networks = stacked(fit_each(targets, trainings, job.seed, job.threads, on_steps, deadline))
-    return networks, max(t.unknown for t in targets)
+    fits = [
+        partial(fit_single, of_field, training, job.seed + k, deadline)
+        for k, (of_field, training) in enumerate(zip(targets, trainings, strict=True))
+    ]
+    on_step = job.stage("fit", settings.steps * len(targets))
+    return stacked(fit_each(fits, job.threads, on_step)), max(t.unknown for t in targets)
 
 
 def fit_jointly(job: Job, plan: Plan, start: Networks, deadline: Deadline) -> tuple[Networks, JointLoss]:

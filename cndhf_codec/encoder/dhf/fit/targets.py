@@ -19,8 +19,7 @@ class HeightTargets:
 
     hit: whether the ray meets the shape. near, far: z of the first hit along +z and along -z (normalised units).
     near_known, far_known: whether the hit is on the front of a face. On the back, the ray came in through a hole in the
-    surface, and the height is not one of the solid's. laplacian_near, laplacian_far: five-point sums h(left) + h(right)
-    + h(below) + h(above) - 4 h, in heights. laplacian_known: whether all five heights are known.
+    surface, and the height is not one of the solid's.
     """
 
     frame: Frame
@@ -30,9 +29,6 @@ class HeightTargets:
     far: F32
     near_known: Mask
     far_known: Mask
-    laplacian_near: F32
-    laplacian_far: F32
-    laplacian_known: Mask
 
     @property
     def unknown(self) -> float:
@@ -61,19 +57,14 @@ def height_targets(solid: Solid, frame: Frame, resolution: int) -> HeightTargets
     far_known, near_known = hit & (up > 0), hit & (down < 0)
 
     shape = (nu, nv)
-    near, far = near.reshape(shape), far.reshape(shape)
-    known = _with_neighbours((near_known & far_known).reshape(shape))
     return HeightTargets(
         frame=frame,
         uv=frame.folded(uv).astype(np.float32),
         hit=hit.reshape(shape),
-        near=near.astype(np.float32),
-        far=far.astype(np.float32),
+        near=near.reshape(shape).astype(np.float32),
+        far=far.reshape(shape).astype(np.float32),
         near_known=near_known.reshape(shape),
         far_known=far_known.reshape(shape),
-        laplacian_near=np.where(known, _laplacian(near), 0).astype(np.float32),
-        laplacian_far=np.where(known, _laplacian(far), 0).astype(np.float32),
-        laplacian_known=known,
     )
 
 
@@ -87,13 +78,3 @@ def _heights_on(solid: Solid, R: F64, face: I32, uv: F64) -> tuple[F64, F64]:
     zs = corners[:, :, 2]
     z = np.clip(np.nan_to_num(z, nan=np.inf), zs.min(axis=1), zs.max(axis=1))
     return np.where(face >= 0, z, 0), n[:, 2]
-
-
-def _laplacian(h: F64) -> F64:
-    p = np.pad(h, 1)
-    return p[2:, 1:-1] + p[:-2, 1:-1] + p[1:-1, 2:] + p[1:-1, :-2] - 4 * h
-
-
-def _with_neighbours(mask: Mask) -> Mask:
-    p = np.pad(mask, 1)
-    return mask & p[2:, 1:-1] & p[:-2, 1:-1] & p[1:-1, 2:] & p[1:-1, :-2]
