@@ -8,8 +8,9 @@ from typing import Literal
 
 import click
 
-from ..errors import InputError, OptionError
+from ..errors import OptionError
 from ..files import STREAM, check_output
+from .streams import check_standard_output, standard_input
 
 COARSEST = 8  # the least resolution
 
@@ -95,11 +96,9 @@ def command(
         check_output(occupancy, overwrite, [source])
         if occupancy.absolute() in [path.absolute() for path in levels]:
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
-    if source == STREAM and sys.stdin is None:
-        raise InputError("the standard input is closed; name a file")
-    if to_stream and (sys.stdout is None or sys.stdout.isatty()):
-        raise OptionError("OUTPUT is - and the standard output is closed or a terminal: send it to a file or a program")
-    model = load_stream(sys.stdin.buffer, "standard input") if source == STREAM else load(source)
+    if to_stream:
+        check_standard_output()
+    model = load_stream(standard_input(), "standard input") if source == STREAM else load(source)
     # Make all before writing any: an interrupt leaves nothing.
     meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
     grid = None if occupancy is None else model.occupancy(cells)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
-from ..errors import InputError, OptionError
+from ..errors import OptionError
 from ..files import STREAM, check_output
+from .streams import check_standard_output, standard_input
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
@@ -100,11 +101,7 @@ def command(
     INPUT or OUTPUT may be `-`, the standard input or output. Hidden cavities are filled, and colours and texture
     coordinates are not kept.
     """
-    given: Path | BinaryIO = source
-    if source == STREAM:
-        if sys.stdin is None:
-            raise InputError("the standard input is closed; name a file")
-        given = sys.stdin.buffer
+    given = standard_input() if source == STREAM else source
     if only_check:
         if target is not None:
             raise OptionError(f"--check writes nothing: leave {target} out")
@@ -117,9 +114,9 @@ def command(
     from ..encoder.progress import Bar
 
     to_stream = target == STREAM
-    if to_stream and (sys.stdout is None or sys.stdout.isatty()):
-        raise OptionError("OUTPUT is - and the standard output is closed or a terminal: send it to a file or a program")
-    if not to_stream:
+    if to_stream:
+        check_standard_output()
+    else:
         check_output(target, overwrite, [Path("/dev/stdin") if source == STREAM else source])
     bar = Bar(quiet)
     try:

@@ -10,7 +10,7 @@ from ...arrays import F32, F64, I64
 from ..dhf.network.kernel import BLOCK_POINTS, Net, Tape, backward, compiled, forward, inlined, last_layer, new_tape
 
 # Kingma and Ba, "Adam: A Method for Stochastic Optimization" (2015), with its values.
-BETA_1, BETA_2, EPSILON = np.float32(0.9), np.float32(0.999), np.float32(1e-8)
+BETA_1, BETA_2, EPSILON = 0.9, 0.999, np.float32(1e-8)
 
 
 class TileImages(NamedTuple):
@@ -123,12 +123,12 @@ def adam_steps(
     for s in range(len(tiles)):
         total += _gradient(net, tape, images, tiles[s], weights, grad)
         number = taken + s + 1
-        first_correction = 1 - 0.9**number
-        second_correction = np.sqrt(1 - 0.999**number)
+        first_correction = 1 - BETA_1**number
+        second_correction = np.sqrt(1 - BETA_2**number)
         scale = np.float32(rates[s] * second_correction / first_correction)
         epsilon = np.float32(EPSILON * second_correction)
         for i in range(len(grad)):
-            moments.first[i] += (np.float32(1) - BETA_1) * (grad[i] - moments.first[i])
-            moments.second[i] += (np.float32(1) - BETA_2) * (grad[i] * grad[i] - moments.second[i])
+            moments.first[i] += (np.float32(1) - np.float32(BETA_1)) * (grad[i] - moments.first[i])
+            moments.second[i] += (np.float32(1) - np.float32(BETA_2)) * (grad[i] * grad[i] - moments.second[i])
             net.theta[i] -= scale * moments.first[i] / (np.sqrt(moments.second[i]) + epsilon)
     return total / max(len(tiles), 1)
