@@ -33,9 +33,9 @@ from .range_coder import ONE, Coder, Context, RangeDecoder, RangeEncoder
 
 MAX_VERTICES, MAX_FACES = 2**17, 2**18
 # Most faces of a section: so many, and so many more per byte of it. Otherwise a small file could ask for much work.
-# Regular grids on planes, which cost least of all meshes, have up to 40 faces per byte.
-FREE_FACES, MAX_FACES_A_BYTE = 2**15, 64
-MAX_CLOSED = 4  # times the faces: each has at most three edges on a boundary
+# Plane regular grids, which cost least of all meshes, have 250 faces per byte at 7,200 faces, 780 at 80,000, without
+# their positions.
+FREE_FACES, MAX_FACES_A_BYTE = 2**15, 256
 
 CLOSE_PIVOT, CLOSE_OTHER, NEW, JOIN = range(4)
 LEVELS = 6  # pivots of LEVELS - 1 faces or more come first, in the order in which they got them
@@ -50,7 +50,7 @@ PRIOR = 8
 
 
 class Limits(NamedTuple):
-    """How large a mesh may be."""
+    """How large a mesh may be, caps and their faces counted."""
 
     vertices: int
     faces: int
@@ -89,13 +89,9 @@ def encode_connectivity(encoder: RangeEncoder, faces: Ints) -> Numbering:
     MeshError
         if the mesh is not a two-manifold: see `manifold.fault`
     LimitError
-        if it has more than `MAX_VERTICES` vertices or `MAX_FACES` faces
+        if it has more than `MAX_VERTICES` vertices or `MAX_FACES` faces, caps and their faces counted
     """
     faces = np.asarray(faces, dtype=np.int32).reshape(-1, 3)
-    if len(faces) > MAX_FACES or (faces.size and faces.max() >= MAX_VERTICES):
-        raise LimitError(
-            f"the control mesh has {len(faces)} faces; at most {MAX_VERTICES} vertices and {MAX_FACES} faces are allowed"
-        )
     edges = edges_of(faces)
     found = fault(faces, edges)
     if found:
@@ -104,15 +100,13 @@ def encode_connectivity(encoder: RangeEncoder, faces: Ints) -> Numbering:
     encoder.bit(Context(), int(mesh.oriented))
     walk = _Walk(encoder, Limits(MAX_VERTICES, MAX_FACES), mesh.oriented, mesh)
     walk.run()
-    vertices = np.empty(mesh.n_vertices, dtype=np.int32)
-    real = [v for v in mesh.names if v < mesh.n_vertices]
-    vertices[real] = np.arange(len(real))
+    walked = walk.faces()
     order = [f for f in mesh.order if f < len(faces)]
     numbers = np.empty(len(faces), dtype=np.int32)
     numbers[order] = np.arange(len(order))
     if not mesh.oriented:
-        _code_orientation(encoder, walk.faces(), vertices[faces[order]])
-    return Numbering(vertices, numbers)
+        walked = _code_orientation(encoder, walked, np.array(mesh.numbers, dtype=np.int32)[faces[order]])
+    return Numbering(_ranks(walked)[mesh.numbers[: mesh.n_vertices]], numbers)
 
 
 def decode_connectivity(decoder: RangeDecoder, limits: Limits) -> Ints:
@@ -131,12 +125,21 @@ def decode_connectivity(decoder: RangeDecoder, limits: Limits) -> Ints:
     walk = _Walk(decoder, limits, oriented, None)
     walk.run()
     faces = walk.faces()
-    if len(faces) > limits.faces or (faces.size and faces.max() >= limits.vertices):
-        raise LimitError(f"the control mesh has more than {limits.vertices} vertices or {limits.faces} faces")
+    if not oriented:
+        faces = _code_orientation(decoder, faces, faces)
+    faces = _ranks(faces)[faces]
     found = fault(faces, edges_of(faces))
     if found:
         raise PayloadError(f"the control mesh is not a two-manifold: {found}")
-    return faces if oriented else _code_orientation(decoder, faces, faces)
+    return faces
+
+
+def _ranks(faces: Ints) -> Ints:
+    """Numbers of vertices in order of their first appearance, for the vertex numbers of faces."""
+    used, first = np.unique(faces, return_index=True)
+    ranks = np.zeros(int(faces.max(initial=-1)) + 1, dtype=np.int32)
+    ranks[used[np.argsort(first)]] = np.arange(len(used))
+    return ranks
 
 
 def _code_orientation(coder: Coder, walked: Ints, faces: Ints) -> Ints:
@@ -161,20 +164,20 @@ class _Source:
         self.oriented = not (sums[edges.n_faces == 2]).any()
         self._faces: list[list[int]] = faces.tolist()
         self.n_seeds = len(self._faces)  # caps are not in a component's first face
-        self._close(edges)
-        self.has_caps = len(self._faces) > self.n_seeds
+        self._n_caps = self._close(edges)
+        self.has_caps = self._n_caps > 0
         self._at: dict[tuple[int, int], list[int]] = {}
         for f, (a, b, c) in enumerate(self._faces):
             for key in ((a, b), (b, c), (c, a)):
                 self._at.setdefault(key if key[0] < key[1] else key[::-1], []).append(f)
         self._done = [False] * len(self._faces)
         self.names: list[int] = []  # the walk's vertex -> ours
-        self._numbers: dict[int, int] = {}  # and back
+        self.numbers = [-1] * (self.n_vertices + self._n_caps)  # and back, -1 before it is met
         self.order: list[int] = []  # faces in the walk's order
         self._seed = 0
 
-    def _close(self, edges: Edges) -> None:
-        """Add the faces of caps."""
+    def _close(self, edges: Edges) -> int:
+        """Add the faces of caps; return how many caps there are."""
         around: dict[int, list[int]] = {}
         for a, b in edges.vertices[edges.n_faces == 1].tolist():
             around.setdefault(a, []).append(b)
@@ -189,6 +192,7 @@ class _Source:
                 self._faces.append([current, following, cap])
                 before, current = current, following
             cap += 1
+        return cap - self.n_vertices
 
     def seed(self) -> list[int] | None:
         """The first face that has not been coded, as the walk's vertices; None if there is none."""
@@ -199,10 +203,10 @@ class _Source:
         self._take(self._seed)
         for v in self._faces[self._seed]:
             self._name(v)
-        return [self._numbers[v] for v in self._faces[self._seed]]
+        return [self.numbers[v] for v in self._faces[self._seed]]
 
-    def third(self, p: int, q: int) -> tuple[int | None, bool]:
-        """The third corner of the face beyond a gate: the walk's vertex, or None if it is new, and whether it is a cap.
+    def third(self, p: int, q: int) -> tuple[int, bool]:
+        """The third corner of the face beyond a gate: the walk's vertex, or -1 if it is new, and whether it is a cap.
 
         The face counts as coded from now on.
         """
@@ -211,8 +215,8 @@ class _Source:
         f = faces[self._done[faces[0]]]
         self._take(f)
         y = sum(self._faces[f]) - p - q
-        number = self._numbers.get(y)
-        if number is None:
+        number = self.numbers[y]
+        if number < 0:
             self._name(y)
         return number, y >= self.n_vertices
 
@@ -223,7 +227,7 @@ class _Source:
             faces = self._at[(y, other) if y < other else (other, y)]
             f = faces[0] + faces[1] - f
             if self._done[f]:
-                return self._numbers[other]
+                return self.numbers[other]
             other = sum(self._faces[f]) - y - other
 
     def _take(self, f: int) -> None:
@@ -231,7 +235,7 @@ class _Source:
         self.order.append(f)
 
     def _name(self, v: int) -> None:
-        self._numbers[v] = len(self.names)
+        self.numbers[v] = len(self.names)
         self.names.append(v)
 
 
@@ -268,11 +272,10 @@ class _Walk:
         self._twisted = Context()
 
     def faces(self) -> Ints:
-        """The faces so far, (F, 3), without those of caps; vertices renumbered in order of first appearance."""
+        """The faces so far, (F, 3), without those of caps."""
         is_cap = np.array(self._is_cap, dtype=bool)
         out = np.array(self._out, dtype=np.int32).reshape(-1, 3)
-        out = out[~is_cap[out].any(axis=1)]
-        return (np.cumsum(~is_cap, dtype=np.int32) - 1)[out]
+        return out[~is_cap[out].any(axis=1)]
 
     def run(self) -> None:
         """Code all components."""
@@ -312,9 +315,8 @@ class _Walk:
         p, q, r, s = vertex[P], vertex[Q], vertex[R], vertex[S]
         answer, y, cap = -1, -1, False
         if self._source:
-            found, cap = self._source.third(p, q)
-            answer = NEW if found is None else CLOSE_PIVOT if found == r else CLOSE_OTHER if found == s else JOIN
-            y = -1 if found is None else found
+            y, cap = self._source.third(p, q)
+            answer = NEW if y < 0 else CLOSE_PIVOT if y == r else CLOSE_OTHER if y == s else JOIN
         kind = 2 if self._is_cap[p] else self._capped[p]
         if bit(self._pivot_closes[kind][min(degree[p], DEGREES - 1)], int(answer == CLOSE_PIVOT)):
             self._face(p, q, r, ahead)
@@ -435,8 +437,8 @@ class _Walk:
         self._is_cap.append(is_cap)
         self._capped.append(False)
         self._nodes_of.append([])
-        if len(self._degree) > MAX_CLOSED * self._limits.vertices:
-            raise LimitError(f"the control mesh has more than {self._limits.vertices} vertices")
+        if len(self._degree) > self._limits.vertices:
+            raise LimitError(f"the control mesh has more than {self._limits.vertices} vertices, caps counted")
         return len(self._degree) - 1
 
     def _add_node(self, vertex: int) -> int:
@@ -461,8 +463,8 @@ class _Walk:
 
     def _add_face(self, a: int, b: int, c: int) -> None:
         self._out.append((a, b, c))
-        if len(self._out) > MAX_CLOSED * self._limits.faces:
-            raise LimitError(f"the control mesh has more than {self._limits.faces} faces")
+        if len(self._out) > self._limits.faces:
+            raise LimitError(f"the control mesh has more than {self._limits.faces} faces, those of caps counted")
         for v in (a, b, c):
             self._degree[v] += 1
         if self._has_caps and (self._is_cap[a] or self._is_cap[b] or self._is_cap[c]):

@@ -42,7 +42,7 @@ def encode_marks(encoder: RangeEncoder, faces: Ints, sharp: Ints) -> None:
     wrong = ~np.isin(wanted, keys[edges.n_faces == 2])
     if wrong.any():
         raise OptionError(
-            f"{pairs[np.argmax(wrong)].tolist()} is no interior edge of the control mesh; only these can be marked sharp"
+            f"{pairs[np.argmax(wrong)].tolist()} cannot be marked sharp: it is no interior edge of the control mesh"
         )
     _code(encoder, faces, edges, np.isin(keys, wanted))
 
