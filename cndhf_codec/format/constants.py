@@ -5,7 +5,8 @@ from __future__ import annotations
 # Made like PNG's: a byte that a 7-bit transfer changes, the name, then CR LF, a DOS end-of-file and LF, which a
 # conversion of line endings changes, in either direction.
 SIGNATURE = b"\x89DHF\r\n\x1a\n"
-MAJOR, MINOR = 0, 1
+MAJOR, MINOR = 0, 2
+MINOR_DHF = 1  # the version that a file of double height fields states: nothing in it is newer
 
 # Sizes in bytes.
 HEADER_SIZE = 40
@@ -17,12 +18,14 @@ CRC_SIZE = 4
 OPTIONAL = 0x80
 KIND_RECORDS = 0x01
 KIND_WEIGHTS = 0x02
+KIND_SURFACE = 0x03
 KIND_METADATA = OPTIONAL | 0x01
 
 # Codecs of a section.
 CODEC_RAW = 0
 CODEC_ZSTD = 1
 CODEC_RANS = 2
+CODEC_RANGE = 3
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # left out of the file, put back to decompress
 
 # What a DHF does to the solid. Other values are reserved.

@@ -76,6 +76,29 @@ class DhfRecord:
         return [(s * step_size(code)).astype(np.float32) for s, code in zip(self.symbols, self.step_codes, strict=True)]
 
 
+@dataclass(frozen=True, eq=False)
+class ControlMesh:
+    """The control mesh of a subdivision surface as stored: integers, and the size of the grid.
+
+    quaternion: (4,) int16, x y z w, as in `DhfRecord`; takes the normalised frame to that of the grid.
+    step: normalised units per grid unit, a float32.
+    positions: (V, 3) int32 grid coordinates, within `MAX_POSITION`. faces: (F, 3) int32 vertex numbers, a two-manifold
+    with or without boundary. sharp: (S, 2) int32 interior edges that are sharp, the smaller vertex first, in
+    lexicographic order; boundary edges are sharp and not listed.
+    """
+
+    quaternion: tuple[int, int, int, int]
+    step: float
+    positions: Symbols
+    faces: Symbols
+    sharp: Symbols
+
+    @property
+    def vertices(self) -> npt.NDArray[np.float64]:
+        """(V, 3) positions in the normalised frame."""
+        return (self.positions * float(self.step)) @ rotation_matrix(self.quaternion)
+
+
 @dataclass(frozen=True)
 class Metadata:
     """The optional section. Errors are distances between the decoded and the input surface, in input units.
@@ -93,13 +116,17 @@ class Metadata:
 
 @dataclass(frozen=True, eq=False)
 class Container:
-    """A whole file. A point p in input coordinates is (p - centre) / scale in the normalised frame."""
+    """A whole file: double height fields, or a surface and none of them.
+
+    A point p in input coordinates is (p - centre) / scale in the normalised frame.
+    """
 
     centre: tuple[float, float, float]
     scale: float
-    dhfs: tuple[DhfRecord, ...]
+    dhfs: tuple[DhfRecord, ...] = ()
     metadata: Metadata = field(default_factory=Metadata)
     codec: int = c.CODEC_ZSTD  # of the weights section
+    surface: ControlMesh | None = None
 
 
 def step_size(code: int) -> float:

@@ -26,6 +26,7 @@ from ..errors import (
 from . import constants as c
 from . import rans
 from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
+from .surface.section import check_quaternion, decode_surface
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,12 @@ class Header:
 def loads(data: bytes) -> Container:
     """Read and check a whole file. Raises a subclass of FormatError that says what is wrong."""
     header = read_header(data)
+    surface = _surface_section(header)
+    if surface is not None:
+        meta = _sole(header, c.KIND_METADATA, (c.CODEC_RAW,), "metadata", optional=True)
+        metadata = Metadata() if meta is None else _read_metadata(_body(data, meta))
+        mesh = decode_surface(_body(data, surface))
+        return Container(header.centre, header.scale, metadata=metadata, surface=mesh)
     records, weights, meta = _sections(header)
     drafts = _read_records(_body(data, records), header.n_dhfs)
     read = _read_zstd if weights.codec == c.CODEC_ZSTD else _read_rans
@@ -70,6 +77,8 @@ def loads_prefix(data: bytes, n_dhfs: int | None = None) -> Container:
     """
     header = _read_head(data)
     _check_head(header)
+    if _surface_section(header) is not None:
+        raise SectionError("the file holds a surface, which can only be read as a whole")
     records, weights, _ = _sections(header)
     if weights.codec != c.CODEC_RANS:
         raise SectionError(f"the weights section has codec {weights.codec}; only codec 2 can be read from its start on")
@@ -116,10 +125,10 @@ def _read_head(data: bytes) -> Header:
             f"the file has format version {major}.{minor}; this decoder reads {c.MAJOR}.x: "
             "use the release that wrote it, or a newer one"
         )
-    if major == 0 and minor != c.MINOR:
+    if minor not in (c.MINOR_DHF, c.MINOR):
         raise VersionError(
             f"the file has the experimental format version {major}.{minor}; this decoder reads only "
-            f"{c.MAJOR}.{c.MINOR}: encode the mesh again"
+            f"{c.MAJOR}.{c.MINOR_DHF} and {c.MAJOR}.{c.MINOR}: encode the mesh again"
         )
     if len(data) > c.MAX_FILE_SIZE:
         raise LimitError(f"the file has {len(data)} bytes; the format allows {c.MAX_FILE_SIZE}")
@@ -137,8 +146,9 @@ def _read_head(data: bytes) -> Header:
 
 
 def _check_head(header: Header) -> None:
-    if not 1 <= header.n_dhfs <= c.MAX_DHFS:
-        raise LimitError(f"field n_dhfs is {header.n_dhfs}; 1 to {c.MAX_DHFS} are allowed")
+    least = 0 if header.version[1] >= c.MINOR and any(s.kind == c.KIND_SURFACE for s in header.sections) else 1
+    if not least <= header.n_dhfs <= c.MAX_DHFS:
+        raise LimitError(f"field n_dhfs is {header.n_dhfs}; {least} to {c.MAX_DHFS} are allowed")
     if not all(abs(x) <= c.MAX_CENTRE for x in header.centre):  # false for NaN too
         cx, cy, cz = header.centre
         raise FieldError(
@@ -146,6 +156,23 @@ def _check_head(header: Header) -> None:
         )
     if not c.MIN_SCALE <= header.scale <= c.MAX_SCALE:
         raise FieldError(f"field scale is {header.scale}; {c.MIN_SCALE:g} to {c.MAX_SCALE:g} are allowed")
+
+
+def _surface_section(header: Header) -> Section | None:
+    """The section of a file that holds a surface, or None for one of double height fields. Raises SectionError."""
+    surface = None
+    if header.version[1] >= c.MINOR:
+        surface = _sole(header, c.KIND_SURFACE, (c.CODEC_RANGE,), "surface", optional=True)
+    if surface is None:
+        return None
+    for section in header.sections:
+        if section.kind in (c.KIND_RECORDS, c.KIND_WEIGHTS):
+            raise SectionError("the file holds a surface and double height fields; a file holds one of them")
+        if section.kind not in (c.KIND_SURFACE, c.KIND_METADATA) and not section.kind & c.OPTIONAL:
+            raise SectionError(f"section kind {section.kind} is mandatory and unknown to this decoder")
+    if header.n_dhfs != 0:
+        raise FieldError(f"field n_dhfs is {header.n_dhfs}; a file that holds a surface has 0")
+    return surface
 
 
 def _sections(header: Header) -> tuple[Section, Section, Section | None]:
@@ -182,7 +209,12 @@ def section_sizes(data: bytes) -> dict[str, int]:
 
     "layout" is the header, the section table and the checksum; "other" is the sections that this decoder skips.
     """
-    names = {c.KIND_RECORDS: "records", c.KIND_WEIGHTS: "weights", c.KIND_METADATA: "metadata"}
+    names = {
+        c.KIND_RECORDS: "records",
+        c.KIND_WEIGHTS: "weights",
+        c.KIND_SURFACE: "surface",
+        c.KIND_METADATA: "metadata",
+    }
     sections = read_header(data).sections
     out = {"layout": len(data) - sum(s.length for s in sections)}
     for section in sections:
@@ -250,9 +282,7 @@ def _check_draft(d: _Draft, i: int) -> None:
         raise FieldError(f"DHF {i}: field role is {d.role}; this version of the format defines only 0")
     if d.fold > c.MAX_FOLD:
         raise FieldError(f"DHF {i}: field fold is {d.fold}; 0 to {c.MAX_FOLD} are allowed")
-    norm = math.hypot(*d.quaternion)
-    if not c.QUATERNION_MIN_NORM <= norm <= c.QUATERNION_MAX_NORM:
-        raise FieldError(f"DHF {i}: field quaternion has norm {norm:.0f}; it must be near {c.QUATERNION_ONE}")
+    check_quaternion(d.quaternion, f"DHF {i}")
     for axis, lo, hi in zip("uvz", d.box[0::2], d.box[1::2], strict=True):
         if lo >= hi:
             raise FieldError(f"DHF {i}: field box is empty along {axis} ({lo} >= {hi})")

@@ -13,6 +13,7 @@ from . import constants as c
 from . import rans
 from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
 from .reader import loads
+from .surface.section import encode_surface
 
 ZSTD_LEVEL = 22
 
@@ -23,21 +24,19 @@ def dumps(container: Container) -> bytes:
     Raises OptionError when the container holds what the format cannot express or a reader would refuse, so that no
     unreadable file is ever written.
     """
-    zstd = container.codec == c.CODEC_ZSTD
-    if not zstd and container.codec != c.CODEC_RANS:
-        raise OptionError(f"the weights codec is {container.codec}; there are {c.CODEC_ZSTD} and {c.CODEC_RANS}")
-    records = b"".join(_record(d, mark_wide=zstd) for d in container.dhfs)
-    if zstd:
-        weights = _compress(pack_symbols(container.dhfs))
+    if (container.surface is None) == (not container.dhfs):
+        raise OptionError("a container holds either double height fields or a surface")
+    if container.surface is None:
+        sections, minor = _dhf_sections(container), c.MINOR_DHF
     else:
-        weights = rans.encode([s for d in container.dhfs for s in d.symbols])
-    sections = [(c.KIND_RECORDS, c.CODEC_RAW, records), (c.KIND_WEIGHTS, container.codec, weights)]
+        sections = [(c.KIND_SURFACE, c.CODEC_RANGE, encode_surface(container.surface))]
+        minor = c.MINOR
     metadata = pack_metadata(container.metadata)
     if metadata:
         sections.append((c.KIND_METADATA, c.CODEC_RAW, metadata))
     try:
         head = c.SIGNATURE + struct.pack(
-            "<4B3df", c.MAJOR, c.MINOR, len(sections), len(container.dhfs), *container.centre, container.scale
+            "<4B3df", c.MAJOR, minor, len(sections), len(container.dhfs), *container.centre, container.scale
         )
     except (struct.error, OverflowError) as exc:
         raise OptionError(f"the container does not fit the format: {exc}") from exc
@@ -49,6 +48,19 @@ def dumps(container: Container) -> bytes:
     except Exception as exc:
         raise OptionError(f"the container does not fit the format: {exc}") from exc
     return data
+
+
+def _dhf_sections(container: Container) -> list[tuple[int, int, bytes]]:
+    """Kind, codec and body of the sections of double height fields."""
+    zstd = container.codec == c.CODEC_ZSTD
+    if not zstd and container.codec != c.CODEC_RANS:
+        raise OptionError(f"the weights codec is {container.codec}; there are {c.CODEC_ZSTD} and {c.CODEC_RANS}")
+    records = b"".join(_record(d, mark_wide=zstd) for d in container.dhfs)
+    if zstd:
+        weights = _compress(pack_symbols(container.dhfs))
+    else:
+        weights = rans.encode([s for d in container.dhfs for s in d.symbols])
+    return [(c.KIND_RECORDS, c.CODEC_RAW, records), (c.KIND_WEIGHTS, container.codec, weights)]
 
 
 def is_wide(symbols: Symbols) -> bool:

@@ -1,0 +1,147 @@
+"""Positions of control vertices: residuals of predictions from faces that are already placed, on the integer grid.
+
+A vertex w across an edge (x, y) from a placed face (x, y, z) is *foretold* by that face: at
+
+    g + s (g - z),  g = (x + y) / 2
+
+For s = 1 that is the parallelogram of Touma and Gotsman (1998). The faces of a coarse mesh of a curved surface are
+bent against each other, and there a smaller s is nearer; on flat parts whose vertices repeat coordinates s = 1 is
+exact.
+So the file says s, in eighths. Where several faces foretell a vertex, the mean is taken.
+
+The next vertex is always one that is foretold by as many faces as any (counted up to 2), and of these the one that
+was first to be so. Residuals share one set of contexts: with few hundred vertices, more sets learn too slowly to pay.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from ...errors import LimitError, OptionError, PayloadError
+from .manifold import Ints
+from .models import SignedModel
+from .range_coder import Coder
+
+MAX_POSITION = 2**18  # of each coordinate, either sign; residuals stay within `SignedModel`'s range
+EIGHTHS = 8  # the most that `eighths` may be: s = 1
+COUNTED = 2  # faces that foretell a vertex are counted up to here, for the order
+
+
+def code_positions(coder: Coder, faces: Ints, eighths: int, positions: Ints | None = None) -> Ints:
+    """Code the positions of all vertices of a mesh, in either direction.
+
+    Parameters
+    ----------
+    coder : Coder
+    faces : (F, 3) int array
+        the mesh as it is decoded
+    eighths : int
+        8 s, from 0 to 8
+    positions : (V, 3) int array, optional
+        grid coordinates; an encoder's only
+
+    Returns
+    -------
+    (V, 3) int32 array
+
+    Raises
+    ------
+    LimitError
+        if a coordinate to be coded is beyond `MAX_POSITION`
+    PayloadError
+        if one that is read is
+    """
+    if not 0 <= eighths <= EIGHTHS:
+        raise OptionError(f"field eighths is {eighths}; 0 to {EIGHTHS} are allowed")
+    given = None
+    if positions is not None:
+        if np.abs(positions).max(initial=0) > MAX_POSITION:
+            raise LimitError(f"a position of the control mesh is beyond {MAX_POSITION} grid units; take a coarser step")
+        given = [[int(x) for x in row] for row in positions]
+    place = _Places(faces, coder, eighths, given)
+    place.all()
+    return np.array(place.at, dtype=np.int32).reshape(-1, 3)
+
+
+class _Places:
+    """The vertices that are placed so far, and which come next."""
+
+    def __init__(self, faces: Ints, coder: Coder, eighths: int, given: list[list[int]] | None) -> None:
+        self._coder, self._given = coder, given
+        self._ahead, self._back = 8 + eighths, 2 * eighths  # 16 g - ... : (8 + e)(x + y) - 2 e z, over 16
+        self._predicted, self._other = SignedModel(), SignedModel()
+        self._faces: list[list[int]] = faces.tolist()
+        n = 1 + max((max(face) for face in self._faces), default=-1)
+        self.at: list[list[int] | None] = [None] * n
+        self._around: list[list[int]] = [[] for _ in range(n)]  # faces of a vertex
+        self._sides: dict[tuple[int, int], list[tuple[int, int]]] = {}  # of an edge: face, corner across
+        for f, (a, b, c) in enumerate(self._faces):
+            for v, x, y in ((a, b, c), (b, c, a), (c, a, b)):
+                self._around[v].append(f)
+                self._sides.setdefault((x, y) if x < y else (y, x), []).append((f, v))
+        self._missing = [3] * len(self._faces)  # corners of a face that are not placed
+        self._foretold: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
+        self._near: list[int] = [-1] * n  # a placed neighbour, of a vertex that no face foretells
+        self._queues: list[deque[int]] = [deque() for _ in range(COUNTED + 1)]
+        self._last = [0, 0, 0]
+
+    def all(self) -> None:
+        for first in range(len(self.at)):
+            if self.at[first] is None:
+                self._place(first)
+                while (v := self._next()) is not None:
+                    self._place(v)
+
+    def _next(self) -> int | None:
+        for count in range(COUNTED, -1, -1):
+            queue = self._queues[count]
+            while queue:
+                v = queue.popleft()
+                # A vertex stands in the queue of each count that it has had.
+                if self.at[v] is None and min(len(self._foretold[v]), COUNTED) == count:
+                    return v
+        return None
+
+    def _place(self, v: int) -> None:
+        foretold, at = self._foretold[v], self.at
+        if foretold:
+            model, n = self._predicted, 16 * len(foretold)
+            guess = []
+            for k in range(3):
+                total = n // 2
+                for x, y, z in foretold:
+                    total += self._ahead * (at[x][k] + at[y][k]) - self._back * at[z][k]  # type: ignore[index]
+                guess.append(total // n)
+        else:
+            model = self._other
+            guess = self._last if self._near[v] < 0 else at[self._near[v]]  # type: ignore[assignment]
+        here = []
+        for k in range(3):
+            residual = 0 if self._given is None else self._given[v][k] - guess[k]
+            x = guess[k] + model.code(self._coder, 0, residual)
+            if not -MAX_POSITION <= x <= MAX_POSITION:
+                raise PayloadError(f"vertex {v} of the control mesh lies beyond {MAX_POSITION} grid units")
+            here.append(x)
+        at[v] = self._last = here
+        for f in self._around[v]:
+            self._missing[f] -= 1
+            a, b, c = self._faces[f]
+            if self._missing[f] == 0:
+                for x, y, z in ((a, b, c), (b, c, a), (c, a, b)):
+                    self._foretell(f, x, y, z)
+            else:
+                for w in (a, b, c):
+                    if at[w] is None and self._near[w] < 0:
+                        self._near[w] = v
+                        self._queues[0].append(w)
+
+    def _foretell(self, face: int, x: int, y: int, z: int) -> None:
+        """Let a placed face foretell the vertex across its edge (x, y)."""
+        for f, w in self._sides[(x, y) if x < y else (y, x)]:
+            if f != face and self.at[w] is None:
+                self._foretold[w].append((x, y, z))
+                count = len(self._foretold[w])
+                if count <= COUNTED:
+                    self._queues[count].append(w)

@@ -1,0 +1,81 @@
+"""The surface section: bytes <-> ControlMesh. See spec/cndhf.md, section 4."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+
+from ...errors import FieldError, OptionError, SectionError
+from .. import constants as c
+from ..container import ControlMesh
+from .connectivity import decode_connectivity, encode_connectivity, limits_for
+from .marks import decode_marks, encode_marks
+from .positions import EIGHTHS, code_positions
+from .range_coder import RangeDecoder, RangeEncoder
+
+HEAD_SIZE = 5  # flags, step
+ROTATED = 0x10  # flag: a quaternion follows the step
+UNTURNED = (0, 0, 0, c.QUATERNION_ONE)
+TRIED_EIGHTHS = (2, 3, 4, 5, 6, 8)  # 7 was never best by more than a byte
+LEAST_STEP, MOST_STEP = 2.0**-30, 1.0  # normalised units
+
+
+def encode_surface(mesh: ControlMesh) -> bytes:
+    """The body of the section. Vertices and faces come back in another order (see `encode_connectivity`).
+
+    Raises MeshError where the mesh is not a two-manifold, LimitError where it or a position is too large, and
+    OptionError for sharp edges that it does not have.
+    """
+    turned = tuple(mesh.quaternion) != UNTURNED
+    bodies = []
+    for eighths in TRIED_EIGHTHS:
+        encoder = RangeEncoder()
+        numbering = encode_connectivity(encoder, mesh.faces)
+        faces, positions, sharp = np.empty_like(mesh.faces), np.empty_like(mesh.positions), mesh.sharp
+        faces[numbering.faces] = numbering.vertices[mesh.faces]
+        positions[numbering.vertices] = mesh.positions
+        encode_marks(encoder, faces, numbering.vertices[sharp])
+        code_positions(encoder, faces, eighths, positions)
+        try:
+            head = struct.pack("<Bf", eighths | (ROTATED if turned else 0), mesh.step)
+            head += struct.pack("<4h", *mesh.quaternion) if turned else b""
+        except (struct.error, OverflowError) as exc:
+            raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
+        bodies.append(head + encoder.finish())
+    return min(bodies, key=len)
+
+
+def decode_surface(body: bytes) -> ControlMesh:
+    """Read the section. Raises a subclass of FormatError."""
+    if len(body) < HEAD_SIZE:
+        raise SectionError(f"the surface section has {len(body)} bytes; it has at least {HEAD_SIZE}")
+    flags, step = struct.unpack_from("<Bf", body)
+    eighths, at = flags & 0x0F, HEAD_SIZE
+    if flags & ~(0x0F | ROTATED):
+        raise FieldError(f"surface: field flags is {flags}; bits 5 to 7 are reserved")
+    if eighths > EIGHTHS:
+        raise FieldError(f"surface: field eighths is {eighths}; 0 to {EIGHTHS} are allowed")
+    if not LEAST_STEP <= step <= MOST_STEP:
+        raise FieldError(f"surface: field step is {step}; {LEAST_STEP:g} to {MOST_STEP:g} are allowed")
+    quaternion = UNTURNED
+    if flags & ROTATED:
+        if len(body) < at + 8:
+            raise SectionError("the surface section ends inside its quaternion")
+        quaternion = struct.unpack_from("<4h", body, at)
+        at += 8
+        check_quaternion(quaternion, "surface")
+    decoder = RangeDecoder(body[at:])
+    faces = decode_connectivity(decoder, limits_for(len(body)))
+    sharp = decode_marks(decoder, faces)
+    positions = code_positions(decoder, faces, eighths)
+    decoder.finish()
+    return ControlMesh(quaternion, step, positions, faces, sharp)
+
+
+def check_quaternion(quaternion: tuple[int, int, int, int], name: str) -> None:
+    """Raise FieldError where a quaternion of integers has a wrong norm."""
+    norm = math.hypot(*quaternion)
+    if not c.QUATERNION_MIN_NORM <= norm <= c.QUATERNION_MAX_NORM:
+        raise FieldError(f"{name}: field quaternion has norm {norm:.0f}; it must be near {c.QUATERNION_ONE}")
