@@ -1,0 +1,154 @@
+"""Loop's subdivision of triangle meshes with sharp edges, and its limit.
+
+The rules are those of Loop, "Smooth Subdivision Surfaces Based on Triangles" (1987), with the sharp edges of Hoppe et
+al., "Piecewise Smooth Surface Reconstruction" (1994), as in OpenSubdiv: the new vertex of a sharp edge is its middle; a
+vertex with two sharp edges follows the cubic B-spline of that crease; one with three or more is a corner and stays; one
+with a single sharp edge (a dart) or none is smooth. Boundary edges are sharp.
+
+Each step and the limit are linear in the vertices. They are given as weights, which the encoder also takes for its fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import F64, I64, Mask
+
+
+class Weights(NamedTuple):
+    """A linear map from vertices to `n_rows` points: point rows[i] has weights[i] of vertex columns[i], summed."""
+
+    rows: I64
+    columns: I64
+    weights: F64
+    n_rows: int
+
+    def apply(self, vertices: F64) -> F64:
+        """(n_rows, 3) the points, for vertices (V, 3)."""
+        terms = vertices[self.columns] * self.weights[:, None]
+        return np.column_stack([np.bincount(self.rows, terms[:, k], self.n_rows) for k in range(3)])
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Faces and edges of a mesh, and which edges are sharp.
+
+    n_vertices: vertices are numbered from 0. faces: (F, 3). edges: (E, 2), the smaller vertex first, in lexicographic
+    order. face_edges: (F, 3), the edges from a face's corner k to corner k + 1. sharp: (E,), boundary edges included.
+    """
+
+    n_vertices: int
+    faces: I64
+    edges: I64
+    face_edges: I64
+    sharp: Mask
+
+    @property
+    def valences(self) -> I64:
+        """(V,) how many edges a vertex has."""
+        return np.bincount(self.edges.ravel(), minlength=self.n_vertices)
+
+    @property
+    def n_sharp(self) -> I64:
+        """(V,) how many sharp edges a vertex has."""
+        return np.bincount(self.edges[self.sharp].ravel(), minlength=self.n_vertices)
+
+
+class Step(NamedTuple):
+    """One step of subdivision: the new vertices from the old, and the mesh that they form."""
+
+    vertices: Weights
+    topology: Topology
+
+
+def topology_of(faces: npt.ArrayLike, n_vertices: int, sharp: npt.ArrayLike) -> Topology:
+    """Find the edges of a mesh.
+
+    faces: (F, 3) int. sharp: (S, 2) int, sharp edges, the smaller vertex first; pairs that are no edges are ignored.
+    """
+    f = np.asarray(faces, dtype=np.int64).reshape(-1, 3)
+    ends = np.sort(f[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    keys, inverse, counts = np.unique(ends[:, 0] * n_vertices + ends[:, 1], return_inverse=True, return_counts=True)
+    edges = np.column_stack([keys // n_vertices, keys % n_vertices])
+    pairs = np.asarray(sharp, dtype=np.int64).reshape(-1, 2)
+    marked = np.isin(keys, pairs[:, 0] * n_vertices + pairs[:, 1])
+    return Topology(n_vertices, f, edges, inverse.reshape(-1, 3), marked | (counts == 1))
+
+
+def subdivide(mesh: Topology) -> Step:
+    """Divide each face in four. Old vertices keep their numbers; the vertex of edge e has the number V + e.
+
+    The four faces of face i have the numbers i, F + i, 2 F + i and 3 F + i: three at its corners, the last in its
+    middle.
+    """
+    n, edges, sharp = mesh.n_vertices, mesh.edges, mesh.sharp
+    kinds = _kinds(mesh)
+    # Old vertices: smooth by Loop's beta, creases 1/8 3/4 1/8, corners unchanged.
+    beta = _beta(mesh.valences)
+    ring = _ring(mesh, kinds, beta, 1 / 8)
+    own = np.where(kinds.smooth, 1 - mesh.valences * beta, np.where(kinds.crease, 3 / 4, 1.0))
+    # New vertices: 3/8 of the ends and 1/8 of the corners across, or the middle of a sharp edge.
+    at = n + np.arange(len(edges))
+    ends = np.where(sharp, 1 / 2, 3 / 8)
+    across = ~sharp[mesh.face_edges]
+    corners = mesh.faces[:, [2, 0, 1]]
+    weights = Weights(
+        np.concatenate([np.arange(n), ring.rows, at, at, n + mesh.face_edges[across]]),
+        np.concatenate([np.arange(n), ring.columns, edges[:, 0], edges[:, 1], corners[across]]),
+        np.concatenate([own, ring.weights, ends, ends, np.full(np.count_nonzero(across), 1 / 8)]),
+        n + len(edges),
+    )
+    (a, b, c), (ab, bc, ca) = mesh.faces.T, n + mesh.face_edges.T
+    faces = np.concatenate([np.column_stack(t) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    halves = np.concatenate([np.column_stack([edges[sharp, k], at[sharp]]) for k in range(2)])
+    return Step(weights, topology_of(faces, n + len(edges), halves))
+
+
+def limit_positions(mesh: Topology) -> Weights:
+    """The points of the limit surface that belong to the vertices of a mesh.
+
+    Smooth: w = 1 / (3 / (8 beta) + n) of each of n neighbours and 1 - n w of the vertex; creases 1/6 2/3 1/6; corners
+    stay. These are the eigenvectors of the subdivision rules (Hoppe et al., 1994).
+    """
+    kinds, valences = _kinds(mesh), mesh.valences
+    share = 1 / (3 / (8 * _beta(valences)) + np.maximum(valences, 1))
+    ring = _ring(mesh, kinds, share, 1 / 6)
+    own = np.where(kinds.smooth, 1 - valences * share, np.where(kinds.crease, 2 / 3, 1.0))
+    n = np.arange(mesh.n_vertices)
+    return Weights(
+        np.concatenate([n, ring.rows]),
+        np.concatenate([n, ring.columns]),
+        np.concatenate([own, ring.weights]),
+        mesh.n_vertices,
+    )
+
+
+class _Kinds(NamedTuple):
+    smooth: Mask
+    crease: Mask
+
+
+def _kinds(mesh: Topology) -> _Kinds:
+    """(V,) which vertices are smooth, and which lie on a crease; the others are corners."""
+    n_sharp = mesh.n_sharp
+    return _Kinds(n_sharp < 2, n_sharp == 2)
+
+
+def _beta(valences: I64) -> F64:
+    """(V,) Loop's weight of each neighbour of a smooth vertex."""
+    n = np.maximum(valences, 1)
+    return (5 / 8 - (3 / 8 + np.cos(2 * np.pi / n) / 4) ** 2) / n
+
+
+def _ring(mesh: Topology, kinds: _Kinds, smooth: F64, crease: float) -> Weights:
+    """The weights of neighbours: `smooth` (V,) of all around a smooth vertex, `crease` of the two along a crease."""
+    rows = np.concatenate([mesh.edges[:, 0], mesh.edges[:, 1]])
+    columns = np.concatenate([mesh.edges[:, 1], mesh.edges[:, 0]])
+    along = np.tile(mesh.sharp, 2) & kinds.crease[rows]
+    used = kinds.smooth[rows] | along
+    weights = np.where(along, crease, smooth[rows])
+    return Weights(rows[used], columns[used], weights[used], mesh.n_vertices)
