@@ -22,8 +22,8 @@ from cndhf_codec.format.surface.range_coder import RangeDecoder, RangeEncoder
 
 FROZEN = {
     "triangle": "fc",
-    "tetrahedron": "b9 18",
-    "klein bottle": "25 41 95 49 1a 7c eb 7a fd 50 0d bd 7c 65 d6 df 21 a7",
+    "tetrahedron": "ba",
+    "klein bottle": "25 3d ce ad 2c 9a 5d 26 93 b1 aa d6 20 c0 33 d6 67 09",
 }
 
 
@@ -81,7 +81,7 @@ def meshes(draw) -> np.ndarray:
 
 
 @given(meshes())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_random_meshes(faces):
     check(faces)
 
@@ -98,11 +98,11 @@ def test_frozen_bytes(kind):
 def test_sizes():
     # Bits per vertex; a plane grid is the most regular mesh, and flips at random are about the worst.
     torus = manifolds.grid(40, 40, wrap=True, wrap_other=True)
-    flipped = manifolds.with_flips(torus, np.random.default_rng(0), 4000)
+    flipped = manifolds.with_flips(torus, np.random.default_rng(0), 2000)
     triangles = manifolds.KINDS["triangles"]
     assert len(check(manifolds.grid(60, 60))) < 32
     assert 8 * len(check(torus)) / 1600 < 0.1
-    assert 8 * len(check(flipped)) / 1600 < 3.6
+    assert 8 * len(check(flipped)) / 1600 < 3.2
     assert len(check(triangles)) < 8
     # Turned faces cost nothing where none are, and little where few are.
     rng = np.random.default_rng(0)

@@ -13,7 +13,7 @@ from cndhf_codec.format.surface.manifold import edges_of
 from cndhf_codec.format.surface.marks import decode_marks, encode_marks
 from cndhf_codec.format.surface.range_coder import RangeDecoder, RangeEncoder
 
-FROZEN = "81 90 85 67"
+FROZEN = "80 71 34 5a"
 
 
 def encoded(faces: np.ndarray, sharp: np.ndarray) -> bytes:

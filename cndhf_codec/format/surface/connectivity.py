@@ -33,9 +33,9 @@ from .range_coder import ONE, Coder, Context, RangeDecoder, RangeEncoder
 
 MAX_VERTICES, MAX_FACES = 2**17, 2**18
 # Most faces of a section: so many, and so many more per byte of it. Otherwise a small file could ask for much work.
-# Plane regular grids, which cost least of all meshes, have 250 faces per byte at 7,200 faces, 780 at 80,000, without
-# their positions.
-FREE_FACES, MAX_FACES_A_BYTE = 2**15, 256
+# Simplified meshes have about 6 faces per byte. Plane regular grids, which cost least of all, have 280 at 7,200 faces
+# and 1,200 at 80,000 (without positions): only such grids of more than 2^16 faces can be refused.
+FREE_FACES, MAX_FACES_A_BYTE = 2**16, 256
 
 CLOSE_PIVOT, CLOSE_OTHER, NEW, JOIN = range(4)
 LEVELS = 6  # pivots of LEVELS - 1 faces or more come first, in the order in which they got them
