@@ -210,7 +210,21 @@ def test_large_meshes_are_refused(monkeypatch):
         encoded(manifolds.TORUS)
 
 
-def test_a_join_must_name_a_node_of_the_border():
-    # oriented, without caps, a component; neither end closes, a join: not far, on the first side, 0 nodes away.
-    with pytest.raises(PayloadError, match="a node of the gate"):
-        decode_connectivity(Script([0, 0, 1, 0, 1, 0, 0], 0), Limits(99, 99))
+# Bits: oriented, no caps, a component. Its border has three nodes, so that the other end is not asked about.
+TRIANGLE = [1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("bits", "rest", "words"),
+    [
+        # No closing, a join: not far, on the first side, no nodes between: the pivot itself.
+        ([0, 1, 0, 0], 0, "a node of the gate"),
+        # No closing, a new vertex; then no closing, a join, which reaches R round the border of four nodes.
+        ([0, 0, 0, 0, 1, 0, 0], 0, "a node of the gate"),
+        ([0, 1, 0, 0], 1, "nodes away; at most 64"),
+        ([0, 1, 1], 1, "a node that is not on the border"),
+    ],
+)
+def test_a_join_must_name_a_node_of_the_border(bits, rest, words):
+    with pytest.raises(PayloadError, match=words):
+        decode_connectivity(Script(TRIANGLE + bits, rest), Limits(99, 99))
