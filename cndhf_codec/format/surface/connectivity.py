@@ -404,24 +404,24 @@ class _Walk:
         return self._vertex[self._previous[node]], self._vertex[self._next[node]]
 
     def _zip(self, node: int) -> None:
-        """Where the edges on both sides of a node are one edge, close the gap; and so on with what lies beyond."""
-        while self._alive[node]:
-            A, B = self._previous[node], self._next[node]
-            if self._vertex[A] != self._vertex[B]:
-                self._push(node)
-                return
-            self._drop(node)
-            self._drop(B)
-            if A == B:
-                return
+        """Where the edges on both sides of a node are one edge, close the gap: the nodes beside it become one."""
+        if not self._alive[node]:
+            return
+        A, B = self._previous[node], self._next[node]
+        if self._vertex[A] != self._vertex[B]:
+            self._push(node)
+            return
+        self._drop(node)
+        self._drop(B)
+        if A != B:
             beyond = self._other(B, node)
             self._link(A, node, beyond)
             self._link(beyond, B, A)
             self._push(beyond)
-            node = A
+            self._push(A)
 
     def _other(self, node: int, neighbour: int) -> int:
-        """The neighbour of a node that is not this one. Loops have three nodes or more."""
+        """The neighbour of a node that is not this one. Loops of a two-manifold have three nodes or more."""
         following = self._next[node]
         return self._previous[node] if following == neighbour else following
 
