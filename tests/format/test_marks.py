@@ -97,6 +97,7 @@ def test_no_bytes_do_harm():
         decoded(encoded(faces, back), faces)
 
 
-def test_no_faces_at_all():
-    none = np.zeros((0, 3), dtype=np.int32)
+@pytest.mark.parametrize("none", [np.zeros((0, 3), dtype=np.int32), manifolds.KINDS["triangles"]])
+def test_without_interior_edges_nothing_is_read(none):
+    assert decode_marks(RangeDecoder(b"\xff" * 9), none).shape == (0, 2)
     assert decoded(encoded(none, np.zeros((0, 2))), none).shape == (0, 2)
