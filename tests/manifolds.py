@@ -38,6 +38,21 @@ def fan(n: int) -> np.ndarray:
     return np.stack([np.zeros(n, dtype=int), 1 + k, 1 + (k + 1) % n], axis=1).astype(np.int32)
 
 
+def voxels(solid: np.ndarray) -> np.ndarray:
+    """The surface of the cubes that are set; its edges must have two faces."""
+    padded = np.pad(solid, 1)
+    corners: list[tuple[int, ...]] = []
+    for axis in range(3):
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        step = np.diff(padded.astype(int), axis=axis)
+        for sign in (1, -1):
+            for at in np.argwhere(step == sign):
+                base = at + np.eye(3, dtype=int)[axis]
+                a, b, c, d = (tuple(int(x) for x in base + o) for o in (0 * u, u, u + v, v))
+                corners += (a, b, c, a, c, d) if sign == -1 else (a, c, b, a, d, c)
+    return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 3).astype(np.int32)
+
+
 def together(*parts: np.ndarray) -> np.ndarray:
     """Several meshes as the components of one."""
     offsets = np.cumsum([0, *(int(p.max()) + 1 for p in parts)])
@@ -116,6 +131,8 @@ def sphere(n: int) -> np.ndarray:
 
 TORUS = grid(7, 6, wrap=True, wrap_other=True)
 TETRAHEDRON = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)], dtype=np.int32)
+SEVEN = np.arange(7)
+ODD = np.indices((5, 5, 5)) % 2
 KINDS: dict[str, np.ndarray] = {
     "triangle": np.array([(0, 1, 2)], dtype=np.int32),
     "tetrahedron": TETRAHEDRON,
@@ -126,6 +143,16 @@ KINDS: dict[str, np.ndarray] = {
     "klein bottle": grid(7, 6, wrap=True, wrap_other=True, twist=True),
     "genus 2": connected_sum(TORUS, TORUS),
     "genus 5": connected_sum(connected_sum(TORUS, TORUS), connected_sum(TORUS, connected_sum(TORUS, TORUS))),
+    # Moebius' torus: every two of its seven vertices are joined. Likewise the projective plane of six.
+    "complete graph of 7": np.concatenate(
+        [np.stack([SEVEN, SEVEN + 1, SEVEN + 3], 1), np.stack([SEVEN, SEVEN + 3, SEVEN + 2], 1)]
+    ).astype(np.int32)
+    % 7,
+    "projective plane": np.array(
+        [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5), (0, 5, 1), (1, 2, 4), (2, 3, 5), (3, 4, 1), (4, 5, 2), (5, 1, 3)],
+        dtype=np.int32,
+    ),
+    "sponge": voxels(ODD.sum(axis=0) < 2),
     "fan of 60": fan(60),
     "poles of 60": sphere(60),
     "triangles": together(*[np.array([(0, 1, 2)])] * 100),

@@ -22,8 +22,8 @@ from cndhf_codec.format.surface.range_coder import RangeDecoder, RangeEncoder
 
 FROZEN = {
     "triangle": "fc",
-    "tetrahedron": "b9 18",
-    "klein bottle": "25 41 95 49 1a 7c eb 7a fd 50 0d bd 7c 65 d6 df 21 a7",
+    "tetrahedron": "ba",
+    "klein bottle": "25 3d ce ad 2c 9a 5d 26 93 b1 aa d6 20 c0 33 d6 67 09",
 }
 
 
@@ -81,7 +81,7 @@ def meshes(draw) -> np.ndarray:
 
 
 @given(meshes())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_random_meshes(faces):
     check(faces)
 
@@ -98,11 +98,11 @@ def test_frozen_bytes(kind):
 def test_sizes():
     # Bits per vertex; a plane grid is the most regular mesh, and flips at random are about the worst.
     torus = manifolds.grid(40, 40, wrap=True, wrap_other=True)
-    flipped = manifolds.with_flips(torus, np.random.default_rng(0), 4000)
+    flipped = manifolds.with_flips(torus, np.random.default_rng(0), 2000)
     triangles = manifolds.KINDS["triangles"]
     assert len(check(manifolds.grid(60, 60))) < 32
     assert 8 * len(check(torus)) / 1600 < 0.1
-    assert 8 * len(check(flipped)) / 1600 < 3.6
+    assert 8 * len(check(flipped)) / 1600 < 3.2
     assert len(check(triangles)) < 8
     # Turned faces cost nothing where none are, and little where few are.
     rng = np.random.default_rng(0)
@@ -210,7 +210,21 @@ def test_large_meshes_are_refused(monkeypatch):
         encoded(manifolds.TORUS)
 
 
-def test_a_join_must_name_a_node_of_the_border():
-    # oriented, without caps, a component; neither end closes, a join: not far, on the first side, 0 nodes away.
-    with pytest.raises(PayloadError, match="a node of the gate"):
-        decode_connectivity(Script([0, 0, 1, 0, 1, 0, 0], 0), Limits(99, 99))
+# Bits: oriented, no caps, a component. Its border has three nodes, so that the other end is not asked about.
+TRIANGLE = [1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("bits", "rest", "words"),
+    [
+        # No closing, a join: not far, on the first side, no nodes between: the pivot itself.
+        ([0, 1, 0, 0], 0, "a node of the gate"),
+        # No closing, a new vertex; then no closing, a join, which reaches R round the border of four nodes.
+        ([0, 0, 0, 0, 1, 0, 0], 0, "a node of the gate"),
+        ([0, 1, 0, 0], 1, "nodes away; at most 64"),
+        ([0, 1, 1], 1, "a node that is not on the border"),
+    ],
+)
+def test_a_join_must_name_a_node_of_the_border(bits, rest, words):
+    with pytest.raises(PayloadError, match=words):
+        decode_connectivity(Script(TRIANGLE + bits, rest), Limits(99, 99))

@@ -33,9 +33,9 @@ from .range_coder import ONE, Coder, Context, RangeDecoder, RangeEncoder
 
 MAX_VERTICES, MAX_FACES = 2**17, 2**18
 # Most faces of a section: so many, and so many more per byte of it. Otherwise a small file could ask for much work.
-# Plane regular grids, which cost least of all meshes, have 250 faces per byte at 7,200 faces, 780 at 80,000, without
-# their positions.
-FREE_FACES, MAX_FACES_A_BYTE = 2**15, 256
+# Simplified meshes have about 6 faces per byte. Plane regular grids, which cost least of all, have 280 at 7,200 faces
+# and 1,200 at 80,000 (without positions): only such grids of more than 2^16 faces can be refused.
+FREE_FACES, MAX_FACES_A_BYTE = 2**16, 256
 
 CLOSE_PIVOT, CLOSE_OTHER, NEW, JOIN = range(4)
 LEVELS = 6  # pivots of LEVELS - 1 faces or more come first, in the order in which they got them
@@ -404,24 +404,24 @@ class _Walk:
         return self._vertex[self._previous[node]], self._vertex[self._next[node]]
 
     def _zip(self, node: int) -> None:
-        """Where the edges on both sides of a node are one edge, close the gap; and so on with what lies beyond."""
-        while self._alive[node]:
-            A, B = self._previous[node], self._next[node]
-            if self._vertex[A] != self._vertex[B]:
-                self._push(node)
-                return
-            self._drop(node)
-            self._drop(B)
-            if A == B:
-                return
+        """Where the edges on both sides of a node are one edge, close the gap: the nodes beside it become one."""
+        if not self._alive[node]:
+            return
+        A, B = self._previous[node], self._next[node]
+        if self._vertex[A] != self._vertex[B]:
+            self._push(node)
+            return
+        self._drop(node)
+        self._drop(B)
+        if A != B:
             beyond = self._other(B, node)
             self._link(A, node, beyond)
             self._link(beyond, B, A)
             self._push(beyond)
-            node = A
+            self._push(A)
 
     def _other(self, node: int, neighbour: int) -> int:
-        """The neighbour of a node that is not this one. Loops have three nodes or more."""
+        """The neighbour of a node that is not this one. Loops of a two-manifold have three nodes or more."""
         following = self._next[node]
         return self._previous[node] if following == neighbour else following
 

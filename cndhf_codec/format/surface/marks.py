@@ -65,9 +65,9 @@ def decode_marks(decoder: RangeDecoder, faces: Ints) -> Ints:
 
 
 def _code(coder: Coder, faces: Ints, edges: Edges, sharp: np.ndarray) -> np.ndarray:
-    """Code which edges are sharp, and return it: (E,) bool."""
+    """Code which edges are sharp, and return it: (E,) bool. A mesh without interior edges takes no bits."""
     interior = edges.n_faces == 2
-    if not coder.bit(Context(), int(sharp.any())):
+    if not interior.any() or not coder.bit(Context(), int(sharp.any())):
         return np.zeros_like(interior)
     if coder.bit(Context(), int(sharp[interior].all())):
         return interior
