@@ -8,7 +8,9 @@ for (`rounding.py`); a bit for one of them takes ln(2) u h^2 / 12 off. So
     h^2 = 12 error / (ln(2) u bits)
 
 On mechanical parts most of the surface is met almost exactly, and the mean is that of a few places. There the density
-of distances at zero, and with it u, is that of the median, mean / median times as large.
+of distances at zero, and with it u, is that of the median, mean / median times as large; but no larger than the
+distances that rounding itself leaves allow. These are r with r^2 / (2 mean) = n u h^2 / 24, and with the h from above
+r / mean is n / (ln(2) bits) for this larger u.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 TRIES = 3  # with other numbers of vertices
 STEP_TRIES = 4  # with other steps, for one number of vertices
-MOST_COARSER = 1.5  # the step may differ from the formula's by this factor, to fill a file
+MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
 FINE_FACES = 40_000  # the tessellation has about so many faces: as many as there are samples
 
 
@@ -88,7 +90,8 @@ def _levels(mesh: Manifold) -> int:
 def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int) -> Sized:
     """Round to the step of the formula, or one a little coarser or finer that fills the file."""
     rounding = Rounding(one.basis, target, one.control)
-    stiffness = rounding.stiffness * max(rounding.mean / rounding.median, 1)
+    left = one.control.size / (math.log(2) * 8 * size)
+    stiffness = rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
     step, best = ideal, None
     for _ in range(STEP_TRIES):
