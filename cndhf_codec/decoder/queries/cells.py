@@ -50,12 +50,12 @@ class Paths(NamedTuple):
     end: F64
     winding: I64
     start: I64
-    triangles: I32
+    triangles: I64
 
 
 class Slabs(NamedTuple):
     """For each met cell, two parallel planes. planes: (K, 5) unit normal, least and greatest n . x of the surface in
-    the cell, x in cells from the cell's centre. sides: (K,) bits."""
+    the cell, x in cells from the cell's least corner. sides: (K,) bits."""
 
     planes: F32
     sides: npt.NDArray[np.uint8]
@@ -65,7 +65,7 @@ class CellGrid:
     """The cells around a closed mesh. May be used from several threads at once."""
 
     def __init__(self, vertices: F64, faces: I64) -> None:
-        self._vertices, self._faces = vertices, faces
+        self._faces = faces
         self._triangles = CrossingTriangles(vertices, faces)
         lo, hi = vertices.min(axis=0), vertices.max(axis=0)
         span = float((hi - lo).max())
@@ -74,7 +74,11 @@ class CellGrid:
         # box, which are common, do not lie on cells' faces, where twice as many cells meet them.
         self.shape = np.floor((hi - lo) / self.edge + 0.5).astype(np.int64) + 3
         self.origin = (lo + hi) / 2 - self.shape / 2 * self.edge
-        met = self._meetings()
+        # Corners (3, 3, M), by corner and coordinate, in cells. numpy is slow along axes as short as 3.
+        corners = np.stack([((vertices[:, k] - self.origin[k]) / self.edge)[faces.T] for k in range(3)], axis=1)
+        self._corners = corners.astype(np.float32)
+        self._boxes = (_least(self._corners) - np.float32(MARGIN), _greatest(self._corners) + np.float32(MARGIN))
+        met = self._meetings(corners)
         winding = self._winding_numbers(met)
         self.states = (winding > 0).astype(np.uint8)
         self.states[met.cells] = MET
@@ -88,64 +92,66 @@ class CellGrid:
 
     def contains(self, points: F64) -> Mask:
         """Whether the winding number around points (N, 3) is positive, (N,)."""
-        at, fractions = self._locate(points)
+        at, place = self._locate(points)
         state = self.states.take(at)
         inside = state == INSIDE
         unsure = np.flatnonzero(state == MET)
         cell = self._number.take(at.take(unsure))
+        place = place.take(unsure, axis=1)
         slabs = self._make_slabs(len(points))
         if slabs is not None:
             n = slabs.planes.take(cell, axis=0)
-            along = np.zeros(len(unsure), np.float32)
-            for k in range(3):
-                along += n[:, k] * fractions[k].take(unsure)
+            along = n[:, 0] * (place[0] % 1)
+            for k in (1, 2):
+                along += n[:, k] * (place[k] % 1)
             low, high = along < n[:, 3], along > n[:, 4]
             sides = slabs.sides.take(cell)
             inside[unsure] = (low & (sides & LOW_SIDE > 0)) | (high & (sides & HIGH_SIDE > 0))
             between = np.flatnonzero(~(low | high))
-            unsure, cell = unsure.take(between), cell.take(between)
-        inside[unsure] = self._winding_in_cells(points.take(unsure, axis=0), cell) > 0
+            unsure, cell, place = unsure.take(between), cell.take(between), place.take(between, axis=1)
+        inside[unsure] = self._winding_in_cells(points.take(unsure, axis=0), place, cell) > 0
         return inside
 
-    def _locate(self, points: F64) -> tuple[npt.NDArray[np.intp], list[F32]]:
-        """Flat numbers (N,) of the cells of points (N, 3), and positions in cells from the cells' centres, 3 of (N,)."""
+    def _locate(self, points: F64) -> tuple[npt.NDArray[np.intp], F32]:
+        """Flat numbers (N,) of the cells of points (N, 3), and positions (3, N) in cells from the grid's corner."""
         flat = np.zeros(len(points), np.intp)
-        fractions = []
+        place = np.empty((3, len(points)), np.float32)
         with np.errstate(invalid="ignore", over="ignore"):
             for k in range(3):
-                x = ((points[:, k] - self.origin[k]) / self.edge).astype(np.float32)
+                x = points[:, k] - self.origin[k]
+                x /= self.edge
                 # NaN goes to the border, where all is outside, as what is too far away does.
-                x = np.fmax(np.fmin(x, np.float32(self.shape[k] - 0.5)), np.float32(0))
-                cell = x.astype(np.int32)
-                x -= cell
-                x -= np.float32(0.5)
+                np.fmax(np.fmin(x, self.shape[k] - 0.5, out=x), 0, out=x)
+                place[k] = x
+                flat *= self.shape[k]
+                flat += place[k].astype(np.int32)
+        return flat, place
+
+    def _meetings(self, corners: F64) -> Meetings:
+        normals = _cross(corners[1] - corners[0], corners[2] - corners[0])
+        # A normal is as exact as the products that it is a difference of.
+        doubt = 1e-12 * (_greatest(corners) - _least(corners)).max(axis=0) ** 2
+        reach = (0.5 + MARGIN) * np.abs(normals).sum(axis=0) + doubt
+        pieces, triangle = _in_pieces(corners, PIECE_CELLS)
+        offset = (normals.take(triangle, axis=1) * (pieces[0] - 0.5)).sum(axis=0)
+        lo = np.floor(_least(pieces) - MARGIN).astype(np.int64)
+        n = np.floor(_greatest(pieces) + MARGIN).astype(np.int64) - lo + 1
+        found = []
+        for first, last in groups(n.prod(axis=0), PAIRS_AT_ONCE):
+            part = slice(first, last)
+            own, within = entries(np.zeros(last - first, np.int64), n[:, part].prod(axis=0))
+            rest, z = np.divmod(within, n[2, part].take(own))
+            x, y = np.divmod(rest, n[1, part].take(own))
+            t = triangle[part].take(own)
+            off = -offset[part].take(own)
+            flat = np.zeros(len(own), np.int64)
+            for k, cell in enumerate((x, y, z)):
+                cell += lo[k, part].take(own)
+                off += cell * normals[k].take(t)
                 flat *= self.shape[k]
                 flat += cell
-                fractions.append(x)
-        return flat, fractions
-
-    def _meetings(self) -> Meetings:
-        corners = (self._vertices[self._faces] - self.origin) / self.edge  # in cells
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        # A normal is as exact as the products that it is a difference of.
-        doubt = 1e-12 * np.ptp(corners, axis=1).max(axis=1) ** 2
-        pieces, triangle = _in_pieces(corners, PIECE_CELLS)
-        lo = np.floor(pieces.min(axis=1) - MARGIN).astype(np.int64)
-        hi = np.floor(pieces.max(axis=1) + MARGIN).astype(np.int64)
-        n = hi - lo + 1
-        found = []
-        for first, last in groups(n.prod(axis=1), PAIRS_AT_ONCE):
-            part = slice(first, last)
-            own, within = entries(np.zeros(last - first, np.int64), n[part].prod(axis=1))
-            rest, z = np.divmod(within, n[part, 2].take(own))
-            x, y = np.divmod(rest, n[part, 1].take(own))
-            cell = np.stack([x, y, z], axis=1) + lo[part].take(own, axis=0)
-            t = triangle[part].take(own)
-            normal = normals.take(t, axis=0)
-            off = np.abs(((cell + 0.5 - pieces[part, 0].take(own, axis=0)) * normal).sum(axis=1))
-            meets = np.flatnonzero(off <= (0.5 + MARGIN) * np.abs(normal).sum(axis=1) + doubt.take(t))
-            flat = np.ravel_multi_index(tuple(cell[meets].T), tuple(self.shape))
-            found.append(flat * len(self._faces) + t[meets])
+            meets = np.flatnonzero(np.abs(off) <= reach.take(t))
+            found.append(flat.take(meets) * len(self._faces) + t.take(meets))
         cell, t = _distinct(np.concatenate(found), len(self._faces))
         first_of = np.flatnonzero(np.diff(cell, prepend=-1))
         return Meetings(cell[first_of], np.append(first_of, len(cell)), t)
@@ -199,11 +205,14 @@ class CellGrid:
             self.origin.take(axis) + (index + 0.5) * self.edge,
             winding.take(last).astype(np.int64),
             np.searchsorted(of, np.arange(len(cells) + 1)),
-            t.astype(np.int32),
+            t,
         )
 
-    def _winding_in_cells(self, points: F64, cells: npt.NDArray[np.integer]) -> I64:
-        """Winding numbers (N,) around points (N, 3) in met cells (N,), given by their place among these."""
+    def _winding_in_cells(self, points: F64, place: F32, cells: npt.NDArray[np.integer]) -> I64:
+        """Winding numbers (N,) around points (N, 3) in met cells (N,), given by their number among these.
+
+        place: (3, N) the points' positions as `_locate` gives them.
+        """
         paths = self._paths
         out = paths.winding.take(cells)
         direction = paths.direction.take(cells)
@@ -213,23 +222,33 @@ class CellGrid:
             count = paths.start[1:].take(cells.take(here)) - start
             for first, last in groups(count, PAIRS_AT_ONCE):
                 part = here[first:last]
-                out[part] += self._crossings(points.take(part, axis=0), cells.take(part), d)
+                own, entry = entries(start[first:last], count[first:last])
+                own, t = self._near_path(place.take(part, axis=1), own, paths.triangles.take(entry), d)
+                out[part] += self._crossings(points.take(part, axis=0), cells.take(part), own, t, d)
         return out
 
-    def _crossings(self, points: F64, cells: npt.NDArray[np.integer], direction: int) -> I64:
-        """Changes (N,) of the winding number from the ends of the paths to points (N, 3)."""
-        start = self._paths.start.take(cells)
-        own, place = entries(start, self._paths.start[1:].take(cells) - start)
-        t = self._paths.triangles.take(place)
+    def _near_path(self, place: F32, own: I64, t: I64, direction: int) -> tuple[I64, I64]:
+        """Pairs of points (own) and triangles (t) whose boxes the paths of the points meet."""
+        axis = direction // 2
+        lo, hi = self._boxes
+        ahead = place[axis].take(own)
+        near = hi[axis].take(t) >= ahead if direction % 2 else lo[axis].take(t) <= ahead
+        for k in range(3):
+            if k != axis:
+                x = place[k].take(own)
+                near &= lo[k].take(t) <= x
+                near &= hi[k].take(t) >= x
+        at = np.flatnonzero(near)
+        return own.take(at), t.take(at)
+
+    def _crossings(self, points: F64, cells: npt.NDArray[np.integer], own: I64, t: I64, direction: int) -> I64:
+        """Changes (N,) of the winding number from the ends of the paths to points (N, 3), in pairs (own, t)."""
         axis = direction // 2
         x = np.ascontiguousarray(points.T)
         covers = self._triangles.covers(t, x[(axis + 1) % 3].take(own), x[(axis + 2) % 3].take(own), axis)
         covered = np.flatnonzero(covers)
         t, own, covers = t.take(covered), own.take(covered), covers.take(covered)
-        here = points.take(own, axis=0)
-        there = here.copy()
-        there[:, axis] = self._paths.end.take(cells.take(own))
-        crossed = self._triangles.is_below(t, here, axis) != self._triangles.is_below(t, there, axis)
+        crossed = self._triangles.between(t, x.take(own, axis=1), self._paths.end.take(cells.take(own)), axis)
         sums = np.bincount(own, weights=covers * crossed, minlength=len(points)).astype(np.int64)
         return sums if direction % 2 else -sums
 
@@ -244,42 +263,46 @@ class CellGrid:
     def _find_slabs(self) -> Slabs:
         met = self._met
         count = np.diff(met.start)
-        corners = ((self._vertices - self.origin) / self.edge).astype(np.float32)[self._faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = _cross(self._corners[1] - self._corners[0], self._corners[2] - self._corners[0])
+        lengths = np.sqrt((normals**2).sum(axis=0))
         units = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
         # The planes' normal: the mean of the triangles', by area up to that of a cell's face.
         weighted = units * np.minimum(lengths, 1)
-        n = np.add.reduceat(weighted.take(met.triangles, axis=0), met.start[:-1], axis=0)
-        length = np.linalg.norm(n, axis=1, keepdims=True)
-        n = np.where(length > 0, n / np.where(length > 0, length, 1), np.float32([0, 0, 1]))
-        centres = np.stack(np.unravel_index(met.cells, tuple(self.shape)), axis=1).astype(np.float32) + np.float32(0.5)
-        low, high = np.empty(len(n), np.float32), np.empty(len(n), np.float32)
+        n = np.add.reduceat(weighted.take(met.triangles, axis=1), met.start[:-1], axis=1)
+        length = np.sqrt((n**2).sum(axis=0))
+        n = np.where(length > 0, n / np.where(length > 0, length, 1), np.float32([[0], [0], [1]]))
+        centres = np.stack(np.unravel_index(met.cells, tuple(self.shape))).astype(np.float32) + np.float32(0.5)
+        low, high = np.empty((2, len(count)), np.float32)
         for first, last in groups(count, PAIRS_AT_ONCE):
             own = np.repeat(np.arange(first, last), count[first:last])
             t = met.triangles[met.start[first] : met.start[last]]
-            normal, centre = n.take(own, axis=0), centres.take(own, axis=0)
-            a = [((corners[:, k].take(t, axis=0) - centre) * normal).sum(axis=1) for k in range(3)]
-            unit = units.take(t, axis=0)
+            normal, unit, centre = n.take(own, axis=1), units.take(t, axis=1), centres.take(own, axis=1)
+            corners = self._corners.take(t, axis=2) - centre
+            along = (corners * normal).sum(axis=1)
             # In the cell, the triangle's plane has n . x = (n . unit) (unit . a) + (the rest of n) . x.
-            cosine = (normal * unit).sum(axis=1)
-            middle = cosine * ((corners[:, 0].take(t, axis=0) - centre) * unit).sum(axis=1)
-            reach = np.float32(0.5 + MARGIN) * np.abs(normal - cosine[:, None] * unit).sum(axis=1)
+            cosine = (normal * unit).sum(axis=0)
+            middle = cosine * (corners[0] * unit).sum(axis=0)
+            reach = np.float32(0.5 + MARGIN) * np.abs(normal - cosine * unit).sum(axis=0)
             starts = met.start[first:last] - met.start[first]
-            low[first:last] = np.minimum.reduceat(np.maximum(np.minimum.reduce(a), middle - reach), starts)
-            high[first:last] = np.maximum.reduceat(np.minimum(np.maximum.reduce(a), middle + reach), starts)
+            low[first:last] = np.minimum.reduceat(np.maximum(along.min(axis=0), middle - reach), starts)
+            high[first:last] = np.maximum.reduceat(np.minimum(along.max(axis=0), middle + reach), starts)
         low -= np.float32(MARGIN)
         high += np.float32(MARGIN)
         # The corner that is farthest out on each side, just within the cell, speaks for all of the side.
         corner = np.copysign(np.float32(0.5 - MARGIN), n)
-        farthest = (corner * n).sum(axis=1)
-        sides = np.zeros(len(n), np.uint8)
+        farthest = (corner * n).sum(axis=0)
+        sides = np.zeros(len(count), np.uint8)
         for sign, beyond, bit in ((1, farthest > high, HIGH_SIDE), (-1, -farthest < low, LOW_SIDE)):
             at = np.flatnonzero(beyond)
-            points = self.origin + (centres[at] + sign * corner[at]).astype(np.float64) * self.edge
-            sides[at] |= np.where(self._winding_in_cells(points, at) > 0, np.uint8(bit), np.uint8(0))
+            place = centres[:, at] + sign * corner[:, at]
+            points = self.origin + place.T.astype(np.float64) * self.edge
+            sides[at] |= np.where(self._winding_in_cells(points, place, at) > 0, np.uint8(bit), np.uint8(0))
         low[~(-farthest < low)], high[~(farthest > high)] = -np.inf, np.inf
-        return Slabs(np.column_stack([n, low, high]), sides)
+        # From here on, from the cell's least corner.
+        middle = n.sum(axis=0) / 2
+        low += middle
+        high += middle
+        return Slabs(np.column_stack([*n, low, high]), sides)
 
 
 def _edge(corners: F64, span: float) -> float:
@@ -295,25 +318,40 @@ def _edge(corners: F64, span: float) -> float:
 
 
 def _in_pieces(corners: F64, size: float) -> tuple[F64, I64]:
-    """Cut triangles (M, 3, 3) until the sides of their boxes are at most `size`: pieces (K, 3, 3), and of which (K,)."""
+    """Cut triangles (3, 3, M) until the sides of their boxes are at most `size`: pieces (3, 3, K), and of which (K,)."""
     done, numbers = [], []
-    number = np.arange(len(corners))
-    while len(corners):
-        large = np.ptp(corners, axis=1).max(axis=1) > size
-        done.append(corners[~large])
+    number = np.arange(corners.shape[2])
+    while len(number):
+        large = (_greatest(corners) - _least(corners)).max(axis=0) > size
+        done.append(corners[:, :, ~large])
         numbers.append(number[~large])
-        corners, number = corners[large], number[large]
-        longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).argmax(axis=1)
-        a, b, c = (corners[np.arange(len(corners)), (longest + k) % 3] for k in range(3))
+        corners, number = corners[:, :, large], number[large]
+        longest = ((corners - corners[[1, 2, 0]]) ** 2).sum(axis=1).argmax(axis=0)
+        a, b, c = (np.take_along_axis(corners, ((longest + k) % 3)[None, None], axis=0)[0] for k in range(3))
         middle = (a + b) / 2
-        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        corners = np.concatenate([np.stack([a, middle, c]), np.stack([middle, b, c])], axis=2)
         number = np.concatenate([number, number])
-    return np.concatenate(done), np.concatenate(numbers)
+    return np.concatenate(done, axis=2), np.concatenate(numbers)
+
+
+def _cross(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Cross products (3, N) of vectors (3, N)."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _least(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Least corners (3, N) of the boxes of triangles (3, 3, N)."""
+    return np.minimum(np.minimum(corners[0], corners[1]), corners[2])
+
+
+def _greatest(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Greatest corners (3, N) of the boxes of triangles (3, 3, N)."""
+    return np.maximum(np.maximum(corners[0], corners[1]), corners[2])
 
 
 def _distinct(keys: I64, n: int) -> tuple[I64, I64]:
     """The two numbers, the second below n, of distinct keys first * n + second, in rising order."""
     keys = np.sort(keys)
     keys = keys[np.diff(keys, prepend=-1) > 0]
-    first, second = np.divmod(keys, n)
-    return first, second
+    first = keys // n
+    return first, keys - first * n

@@ -56,31 +56,38 @@ class CrossingTriangles:
         total *= self.sign.take(triangles)
         return total
 
-    def is_below(self, triangles: I64, points: F64, axis: int) -> Mask:
-        """Whether points (N, 3) come before triangles (N,) on their lines along an axis; the lines meet them.
+    def between(self, triangles: I64, points: F64, ends: F64, axis: int) -> Mask:
+        """Whether triangles (N,) are met on the way along an axis from points (3, N) to `ends` (N,), coordinates there.
 
-        Beyond the triangle's ends along the axis, that is certain; between them, the side of its plane decides.
+        The whole line is known to meet the triangle. Beyond the triangle's ends along the axis, it is certain which
+        side a place is on; between them, the side of the plane decides.
         """
-        a, b, c = (self.corners[3 * i : 3 * i + 3].take(triangles, axis=1) for i in range(3))
-        heights = np.stack([a[axis], b[axis], c[axis]])
-        at = points[:, axis]
+        (a, b, c), normal = self._planes(triangles)
+        lowest = np.minimum(np.minimum(a[axis], b[axis]), c[axis])
+        highest = np.maximum(np.maximum(a[axis], b[axis]), c[axis])
         k, m = (axis + 1) % 3, (axis + 2) % 3
-        e, f = b - a, c - a
-        normal = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]]
-        side = normal[axis] * (at - a[axis]) + normal[k] * (points[:, k] - a[k]) + normal[m] * (points[:, m] - a[m])
-        before = np.where(normal[axis] < 0, side > 0, side < 0)
-        return (at < heights.min(axis=0)) | (before & (at < heights.max(axis=0)))
+        across = normal[k] * (points[k] - a[k]) + normal[m] * (points[m] - a[m])
+        flip = normal[axis] < 0
+
+        def below(x: F64) -> Mask:
+            side = across + normal[axis] * (x - a[axis])
+            return (x < lowest) | ((x < highest) & np.where(flip, side > 0, side < 0))
+
+        return below(points[axis]) != below(ends)
 
     def heights(self, triangles: I64, u: F64, v: F64, axis: int) -> F64:
         """Where lines along an axis meet triangles (N,), as coordinates (N,); within the triangle's ends."""
-        a, b, c = (self.corners[3 * i : 3 * i + 3].take(triangles, axis=1) for i in range(3))
+        (a, b, c), normal = self._planes(triangles)
         k, m = (axis + 1) % 3, (axis + 2) % 3
-        e, f = b - a, c - a
-        along = e[k] * f[m] - e[m] * f[k]
-        du, dv = u - a[k], v - a[m]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            s, t = (du * f[m] - dv * f[k]) / along, (dv * e[k] - du * e[m]) / along
-            height = a[axis] + s * e[axis] + t * f[axis]
-        ends = np.stack([a[axis], b[axis], c[axis]])
+            height = a[axis] - (normal[k] * (u - a[k]) + normal[m] * (v - a[m])) / normal[axis]
+        lowest = np.minimum(np.minimum(a[axis], b[axis]), c[axis])
+        highest = np.maximum(np.maximum(a[axis], b[axis]), c[axis])
         # NaN where the projection has no area: any height of the triangle will do.
-        return np.fmin(np.fmax(height, ends.min(axis=0)), ends.max(axis=0))
+        return np.fmin(np.fmax(height, lowest), highest)
+
+    def _planes(self, triangles: I64) -> tuple[F64, list[F64]]:
+        """Corners (3, 3, N), by corner and coordinate, and normals, 3 arrays (N,), of any length."""
+        corners = self.corners.take(triangles, axis=1).reshape(3, 3, -1)
+        e, f = corners[1] - corners[0], corners[2] - corners[0]
+        return corners, [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]]
