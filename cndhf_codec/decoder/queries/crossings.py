@@ -71,7 +71,7 @@ class CrossingTriangles:
 
         def below(x: F64) -> Mask:
             side = across + normal[axis] * (x - a[axis])
-            return (x < lowest) | ((x < highest) & np.where(flip, side > 0, side < 0))
+            return (x < lowest) | ((x < highest) & ((side < 0) ^ flip))
 
         return below(points[axis]) != below(ends)
 
