@@ -270,7 +270,7 @@ class CellGrid:
         weighted = units * np.minimum(lengths, 1)
         n = np.add.reduceat(weighted.take(met.triangles, axis=1), met.start[:-1], axis=1)
         length = np.sqrt((n**2).sum(axis=0))
-        n = np.where(length > 0, n / np.where(length > 0, length, 1), np.float32([[0], [0], [1]]))
+        n = np.where(length > 0, n / np.where(length > 0, length, 1), np.array([[0], [0], [1]], np.float32))
         centres = np.stack(np.unravel_index(met.cells, tuple(self.shape))).astype(np.float32) + np.float32(0.5)
         low, high = np.empty((2, len(count)), np.float32)
         for first, last in groups(count, PAIRS_AT_ONCE):
@@ -318,7 +318,7 @@ def _edge(corners: F64, span: float) -> float:
 
 
 def _in_pieces(corners: F64, size: float) -> tuple[F64, I64]:
-    """Cut triangles (3, 3, M) until the sides of their boxes are at most `size`: pieces (3, 3, K), and of which (K,)."""
+    """Cut triangles (3, 3, M) until the sides of their boxes are at most `size`: pieces (3, 3, K), of which (K,)."""
     done, numbers = [], []
     number = np.arange(corners.shape[2])
     while len(number):

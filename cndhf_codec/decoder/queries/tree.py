@@ -11,13 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import F64, I64, Mask
 from ...arguments import chunks
-from .near import NearTriangles
+from ...arrays import F64, I64
+from ..results import NearestPoints, RayHits
+from .single import Triangles
 
 CHILDREN = 8  # of a node; also the most nodes of the top level
 PAIRS_AT_ONCE = 2**15  # of queries and nodes, looked at together
 
+BOX_MARGIN = 1e-12  # of boxes for rays, in units of their greatest coordinate: much more than rounding
 SLACK = 1 + 1e-9  # of bounds that are computed from other numbers than the distances are
 # Going down to a first triangle, the squared distance of a box's centre counts this much beside that of the box. 0.3 to
 # 0.001 were tried.
@@ -41,31 +43,28 @@ class BoxTree:
 
     def __init__(self, vertices: F64, faces: I64) -> None:
         corners = np.stack([vertices[:, k][faces.T] for k in range(3)], axis=1)  # by corner and coordinate
-        lo, hi = corners.min(axis=0), corners.max(axis=0)
-        self.order = _order((lo + hi) / 2)
-        self._near = NearTriangles(corners[:, :, self.order])
-        levels = [_level(lo[:, self.order], hi[:, self.order], corners.mean(axis=0)[:, self.order])]
-        while levels[-1].lo.shape[1] > CHILDREN:
-            lo, hi, points = (x.reshape(3, -1, CHILDREN) for x in levels[-1])
-            lo, hi = lo.min(axis=2), hi.max(axis=2)
-            # The point that is nearest to the box's centre.
-            with np.errstate(invalid="ignore"):
-                off = ((points - ((lo + hi) / 2)[:, :, None]) ** 2).sum(axis=0)
-            at = np.where(np.isnan(off), np.inf, off).argmin(axis=1)
-            levels.append(_level(lo, hi, points[:, np.arange(len(at)), at]))
-        self._levels = levels[::-1]
+        lo, hi, middle = corners.min(axis=0), corners.max(axis=0), corners.mean(axis=0)
+        self._box = lo.min(axis=1), hi.max(axis=1)
+        self._margin = BOX_MARGIN * float(np.abs(self._box).max())
+        self._order = _order((lo + hi) / 2)
+        self._triangles = Triangles(corners[:, :, self._order])
+        nodes = Level(lo[:, self._order], hi[:, self._order], middle[:, self._order])
+        self._levels = [_filled(nodes)]
+        while nodes.lo.shape[1] > CHILDREN:
+            nodes = _parents(nodes)
+            self._levels.insert(0, _filled(nodes))
 
-    def nearest(self, points: F64) -> tuple[I64, F64]:
-        """Faces (N,) that are nearest to points (N, 3), all finite, and their nearest points (N, 3)."""
+    def nearest(self, points: F64) -> NearestPoints:
+        """Nearest points of the triangles to points (N, 3), all finite."""
         x = np.ascontiguousarray(points.T)
         found = self._guess(x)
-        squared, foot = self._near.feet(found, x)
-        bound = squared.copy()  # no more than SLACK times the squared distance from some point of the surface
-        self.pairs = [0] * (len(self._levels)+1)
-        self.surv = [0] * (len(self._levels)+1)
+        # Points that are near each other look at the same nodes: one after the other, they find them in the cache.
+        turn = np.argsort(found, kind="stable")
+        x, found = x.take(turn, axis=1), found.take(turn)
+        squared, foot = self._triangles.feet(found, x)
+        bound = squared.copy()  # at most SLACK times the square of a distance from the surface
 
         def near(depth: int, query: I64, node: I64) -> I64:
-            self.pairs[depth] += len(query)
             lo, hi, point = self._levels[depth]
             total = np.zeros(len(query))
             for k in range(3):
@@ -75,38 +74,66 @@ class BoxTree:
                 outside *= outside
                 total += outside
             kept = np.flatnonzero(total < bound.take(query))
-            if not len(kept):
-                return kept
-            self.surv[depth] += len(kept)
-            q, node = query.take(kept), node.take(kept)
+            query, node = query.take(kept), node.take(kept)
             reach = np.zeros(len(kept))
             for k in range(3):
-                off = x[k].take(q)
+                off = x[k].take(query)
                 off -= point[k].take(node)
                 off *= off
                 reach += off
-            first = np.flatnonzero(np.diff(q, prepend=-1))
-            least = np.minimum.reduceat(reach, first)
-            least *= SLACK
-            of = q.take(first)
-            bound[of] = np.minimum(bound.take(of), least)
-            return kept.compress(total.take(kept) < bound.take(q))
+            reach *= SLACK
+            least = _least_of_each(query, reach, bound)
+            bound[query.take(least)] = reach.take(least)
+            return kept.compress(total.take(kept) < bound.take(query))
 
         def test(query: I64, triangle: I64) -> None:
-            self.pairs[-1] += len(query)
-            # In the order of queries: the least of each is that of a range.
-            feet = self._near.feet(triangle, x.take(query, axis=1))
-            first = np.flatnonzero(np.diff(query, prepend=-1))
-            least = np.minimum.reduceat(feet.squared, first)
-            at = np.flatnonzero(feet.squared == np.repeat(least, np.diff(first, append=len(query))))
-            at = at[feet.squared.take(at) < squared.take(query.take(at))]
-            at = at[np.diff(query.take(at), prepend=-1) > 0]
-            q = query.take(at)
-            found[q], squared[q], foot[:, q] = triangle[at], feet.squared[at], feet.point[:, at]
+            feet = self._triangles.feet(triangle, x.take(query, axis=1))
+            least = _least_of_each(query, feet.squared, squared)
+            q = query.take(least)
+            found[q], squared[q], foot[:, q] = triangle[least], feet.squared[least], feet.point[:, least]
             bound[q] = np.minimum(bound[q], squared[q])
 
         self._descend(len(points), near, test)
-        return self.order.take(found), np.ascontiguousarray(foot.T)
+        back = np.empty_like(turn)
+        back[turn] = np.arange(len(turn))
+        return NearestPoints(np.sqrt(squared).take(back), self._order.take(found.take(back)), foot.T.take(back, axis=0))
+
+    def first_hits(self, origins: F64, directions: F64) -> RayHits:
+        """First hits of rays (N, 3) with directions (N, 3) of length one, all finite."""
+        # Rays start where they enter the box around all, so that no rounding is greater than that of the box's numbers.
+        lo, hi = (x[:, None] for x in self._box)
+        d = np.ascontiguousarray(directions.T)
+        with np.errstate(divide="ignore"):
+            inverse = 1 / d
+        enter, leave = _clip(lo - origins.T, hi - origins.T, inverse)
+        o = origins.T + enter * d
+        frame = _across(d)
+        distance = np.where(enter <= leave, np.inf, -np.inf)  # no node is nearer than -inf
+        normal = np.full((3, len(origins)), np.nan)
+
+        def meets(depth: int, query: I64, node: I64) -> I64:
+            lo, hi, _ = self._levels[depth]
+            at = o.take(query, axis=1)
+            nearest, farthest = _clip(
+                lo.take(node, axis=1) - self._margin - at,
+                hi.take(node, axis=1) + self._margin - at,
+                inverse.take(query, axis=1),
+            )
+            return np.flatnonzero((nearest <= farthest) & (nearest < distance.take(query)))
+
+        def test(query: I64, triangle: I64) -> None:
+            hits = self._triangles.hits(
+                triangle, o.take(query, axis=1), d.take(query, axis=1), frame.take(query, axis=2)
+            )
+            least = _least_of_each(query, hits.distance, distance)
+            q = query.take(least)
+            distance[q], normal[:, q] = hits.distance.take(least), hits.normal.take(least, axis=1)
+
+        self._descend(len(origins), meets, test)
+        missed = ~np.isfinite(distance)
+        distance = np.where(missed, np.inf, distance + np.where(missed, 0, enter))
+        point = origins + np.where(missed, np.nan, distance)[:, None] * directions
+        return RayHits(distance, point, np.ascontiguousarray(normal.T))
 
     def _guess(self, x: F64) -> I64:
         """A triangle near each point x (3, N): down the tree, always to the child that seems nearest."""
@@ -121,8 +148,7 @@ class BoxTree:
                     lo, hi = level.lo[k].take(at), level.hi[k].take(at)
                     lo -= x[k]
                     hi -= x[k]
-                    with np.errstate(invalid="ignore"):
-                        off = lo + hi  # NaN, which is never the least, where a group is filled up
+                    off = lo + hi
                     off *= off
                     off *= BOX_CENTRE_WEIGHT / 4
                     score += off
@@ -137,9 +163,7 @@ class BoxTree:
             node = child * CHILDREN
         return child
 
-    def _descend(
-        self, queries: int, keep: Callable[[int, I64, I64], I64], test: Callable[[I64, I64], None]
-    ) -> None:
+    def _descend(self, queries: int, keep: Callable[[int, I64, I64], I64], test: Callable[[I64, I64], None]) -> None:
         """Call test(query, triangle) for the pairs whose nodes, on all levels, `keep(depth, query, node)` keeps.
 
         Pairs are tested soon after they are found, so that what a test finds can serve `keep`; in the order of queries.
@@ -163,10 +187,52 @@ class BoxTree:
         below(0, everything, np.zeros(queries, np.int64))
 
 
-def _level(lo: F64, hi: F64, point: F64) -> Level:
-    """A level of these nodes, filled up to whole groups."""
-    fill = ((0, 0), (0, -lo.shape[1] % CHILDREN))
-    return Level(*(np.pad(x, fill, constant_values=c) for x, c in ((lo, np.inf), (hi, -np.inf), (point, np.inf))))
+def _least_of_each(query: I64, value: F64, below: F64) -> I64:
+    """Places in `value` (n,) of the least of each query, where that is less than below[query]. query: (n,), sorted."""
+    if not len(query):
+        return query
+    first = np.flatnonzero(np.diff(query, prepend=-1))
+    least = np.minimum.reduceat(value, first)
+    least = np.repeat(np.where(least < below.take(query.take(first)), least, np.nan), np.diff(first, append=len(query)))
+    at = np.flatnonzero(value == least)
+    return at[np.diff(query.take(at), prepend=-1) > 0]
+
+
+def _clip(lo: F64, hi: F64, inverse: F64) -> tuple[F64, F64]:
+    """Distances (N,), at least 0, at which rays enter and leave boxes: enter <= leave where they meet them.
+
+    lo, hi: (3, N) corners from the rays' origins. inverse: (3, N) inverse of the rays' directions.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        a, b = lo * inverse, hi * inverse
+    # NaN: the ray lies in a plane of the box, which does not bound it.
+    a, b = np.minimum(a, b), np.maximum(a, b)
+    enter = np.fmax(np.fmax(a[0], a[1]), np.fmax(a[2], 0))
+    return enter, np.fmin(np.fmin(b[0], b[1]), b[2])
+
+
+def _across(d: F64) -> F64:
+    """Two vectors across each direction, (2, 3, N), that are not near each other; of length one."""
+    other = np.zeros_like(d)
+    other[np.abs(d).argmin(axis=0), np.arange(d.shape[1])] = 1
+    u = np.cross(d, other, axis=0)
+    u /= np.sqrt((u**2).sum(axis=0))
+    return np.stack([u, np.cross(d, u, axis=0)])
+
+
+def _parents(nodes: Level) -> Level:
+    """The level above: boxes around groups of nodes, and of their points that nearest to the box's centre."""
+    first = np.arange(0, nodes.lo.shape[1], CHILDREN)
+    lo, hi = np.minimum.reduceat(nodes.lo, first, axis=1), np.maximum.reduceat(nodes.hi, first, axis=1)
+    points = _filled(nodes).point.reshape(3, -1, CHILDREN)
+    nearest = ((points - ((lo + hi) / 2)[:, :, None]) ** 2).sum(axis=0).argmin(axis=1)
+    return Level(lo, hi, points[:, np.arange(len(first)), nearest])
+
+
+def _filled(nodes: Level) -> Level:
+    """These nodes, filled up to whole groups."""
+    fill = ((0, 0), (0, -nodes.lo.shape[1] % CHILDREN))
+    return Level(*(np.pad(x, fill, constant_values=np.inf) for x in nodes))
 
 
 def _order(x: F64) -> I64:
