@@ -101,14 +101,16 @@ class BoxTree:
     def first_hits(self, origins: F64, directions: F64) -> RayHits:
         """First hits of rays (N, 3) with directions (N, 3) of length one, all finite."""
         # Rays start where they enter the box around all, so that no rounding is greater than that of the box's numbers.
-        lo, hi = (x[:, None] for x in self._box)
+        lo, hi = self._box[0][:, None] - self._margin, self._box[1][:, None] + self._margin
         d = np.ascontiguousarray(directions.T)
         with np.errstate(divide="ignore"):
             inverse = 1 / d
         enter, leave = _clip(lo - origins.T, hi - origins.T, inverse)
+        meets_box = enter <= leave
+        enter[~meets_box] = 0
         o = origins.T + enter * d
         frame = _across(d)
-        distance = np.where(enter <= leave, np.inf, -np.inf)  # no node is nearer than -inf
+        distance = np.where(meets_box, np.inf, -np.inf)  # no node is nearer than -inf
         normal = np.full((3, len(origins)), np.nan)
 
         def meets(depth: int, query: I64, node: I64) -> I64:
@@ -131,7 +133,7 @@ class BoxTree:
 
         self._descend(len(origins), meets, test)
         missed = ~np.isfinite(distance)
-        distance = np.where(missed, np.inf, distance + np.where(missed, 0, enter))
+        distance = np.where(missed, np.inf, distance + enter)
         point = origins + np.where(missed, np.nan, distance)[:, None] * directions
         return RayHits(distance, point, np.ascontiguousarray(normal.T))
 
@@ -221,7 +223,7 @@ def _across(d: F64) -> F64:
 
 
 def _parents(nodes: Level) -> Level:
-    """The level above: boxes around groups of nodes, and of their points that nearest to the box's centre."""
+    """The level above: boxes around groups of nodes, and the one of their points that is nearest to the box's centre."""
     first = np.arange(0, nodes.lo.shape[1], CHILDREN)
     lo, hi = np.minimum.reduceat(nodes.lo, first, axis=1), np.maximum.reduceat(nodes.hi, first, axis=1)
     points = _filled(nodes).point.reshape(3, -1, CHILDREN)
