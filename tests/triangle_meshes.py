@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from cndhf_codec.arguments import chunks
+
 Vectors = np.ndarray
 
 
@@ -31,13 +33,13 @@ def box(lo, hi) -> Mesh:
     return Mesh(np.array(made.vertices), np.array(made.faces, np.int64))
 
 
-def sphere(radius: float = 0.8, detail: int = 3) -> Mesh:
+def sphere(radius: float = 0.8, detail: int = 2) -> Mesh:
     made = trimesh.creation.icosphere(detail, radius)
     return Mesh(np.array(made.vertices), np.array(made.faces, np.int64))
 
 
 def torus() -> Mesh:
-    made = trimesh.creation.torus(0.6, 0.25, 40, 24)
+    made = trimesh.creation.torus(0.6, 0.25, 24, 12)
     return Mesh(np.array(made.vertices), np.array(made.faces, np.int64))
 
 
@@ -61,13 +63,13 @@ def soup(mesh: Mesh) -> Mesh:
 
 
 def needles() -> Mesh:
-    """A cone of 300 long thin triangles over an ellipse, its tip far from the middle."""
-    t = 2 * np.pi * np.arange(300) / 300
+    """A cone of 100 long thin triangles over an ellipse, its tip far from the middle."""
+    t = 2 * np.pi * np.arange(100) / 100
     rim = np.column_stack([0.9 * np.cos(t), 0.01 * np.sin(t), 0.3 * np.cos(t)])
     vertices = np.concatenate([rim, [[0.5, 0.2, 0.5], [-0.5, -0.2, -0.4]]])
-    k = np.arange(300)
-    after = (k + 1) % 300
-    sides = [np.column_stack([k, after, 0 * k + 300]), np.column_stack([after, k, 0 * k + 301])]
+    k = np.arange(100)
+    after = (k + 1) % 100
+    sides = [np.column_stack([k, after, 0 * k + 100]), np.column_stack([after, k, 0 * k + 101])]
     return Mesh(vertices, np.concatenate(sides))
 
 
@@ -78,15 +80,15 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "torus": torus,
     "plate": lambda: box([-0.7, -0.7, 0], [0.7, 0.7, 1e-4]),
     "turned plate": lambda: rotated(box([-0.7, -0.7, 0], [0.7, 0.7, 1e-4])),
-    "hollow sphere": lambda: joined(sphere(), turned_inside_out(sphere(0.5, 2))),
+    "hollow sphere": lambda: joined(sphere(), turned_inside_out(sphere(0.5, 1))),
     "box with a cavity": lambda: joined(
         box([-0.5] * 3, [0.5] * 3), turned_inside_out(box([-0.25, -0.25, -0.5 + 1e-3], [0.25, 0.25, 0.25]))
     ),
-    "sphere in a sphere": lambda: joined(sphere(), sphere(0.5, 2)),
+    "sphere in a sphere": lambda: joined(sphere(), sphere(0.5, 1)),
     "overlapping boxes": lambda: joined(
         box([-0.5] * 3, [0.25] * 3), box([-0.25] * 3, [0.5] * 3), box([-0.5, -0.1, -0.1], [0.9, 0.1, 0.1])
     ),
-    "inside out": lambda: joined(turned_inside_out(sphere(0.5, 2)), box([0.3] * 3, [0.55] * 3)),
+    "inside out": lambda: joined(turned_inside_out(sphere(0.5, 1)), box([0.3] * 3, [0.55] * 3)),
     "flat triangles": lambda: with_flat_triangles(rotated(box([-0.5] * 3, [0.5] * 3))),
     "soup": lambda: soup(torus()),
     "needles": needles,
@@ -97,14 +99,14 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 def winding_numbers(mesh: Mesh, points: Vectors) -> Vectors:
     """(N,) whole numbers: the sum of the solid angles of all triangles."""
     out = np.zeros(len(points))
-    for first in range(0, len(points), 500):
-        d = mesh.vertices[mesh.faces][None] - points[first : first + 500, None, None]
+    for first, last in chunks(len(points), 1 + 2**18 // len(mesh.faces)):
+        d = mesh.vertices[mesh.faces][None] - points[first:last, None, None]
         length = np.linalg.norm(d, axis=-1)
         a, b, c = (d[:, :, k] for k in range(3))
         la, lb, lc = (length[:, :, k] for k in range(3))
         over = (a * np.cross(b, c)).sum(axis=-1)
         under = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
-        out[first : first + 500] = np.arctan2(over, under).sum(axis=1) / (2 * np.pi)
+        out[first:last] = np.arctan2(over, under).sum(axis=1) / (2 * np.pi)
     return np.rint(out).astype(int)
 
 
@@ -112,15 +114,15 @@ def distances(mesh: Mesh, points: Vectors) -> Vectors:
     """(N,) least distances from all triangles: from their edges, and along their normals where the foot is within."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     out = np.full(len(points), np.inf)
-    for first in range(0, len(points), 500):
-        p = points[first : first + 500, None]
+    for first, last in chunks(len(points), 1 + 2**18 // len(mesh.faces)):
+        p = points[first:last, None]
         best = np.minimum.reduce([_from_segments(p, s, t) for s, t in ((a, b), (b, c), (c, a))])
         normal = np.cross(b - a, c - a)
         length = np.linalg.norm(normal, axis=1)
         sides = [(np.cross(t - s, p - s) * normal).sum(axis=-1) for s, t in ((a, b), (b, c), (c, a))]
         within = (np.minimum.reduce(sides) >= 0) & (length > 0)
         height = np.abs(((p - a) * normal).sum(axis=-1)) / np.where(length > 0, length, 1)
-        out[first : first + 500] = np.where(within, np.minimum(best, height), best).min(axis=1)
+        out[first:last] = np.where(within, np.minimum(best, height), best).min(axis=1)
     return out
 
 

@@ -6,8 +6,8 @@ import tracemalloc
 
 import numpy as np
 import pytest
-import trimesh
 import triangle_meshes
+import trimesh
 from triangle_meshes import MESHES, box, distances, joined, points_around, sphere, turned_inside_out, winding_numbers
 
 from cndhf_codec.decoder import parallel
@@ -31,7 +31,7 @@ def agree(mesh, points, answers=None):
 def test_as_the_winding_number_says(name, slabs, monkeypatch):
     monkeypatch.setattr(cells, "POINTS_WORTH_SLABS", 0 if slabs else 2**60)
     mesh = MESHES[name]()
-    assert agree(mesh, points_around(mesh, 500))
+    assert agree(mesh, points_around(mesh, 300))
 
 
 @pytest.mark.parametrize("slabs", [False, True])
@@ -41,11 +41,11 @@ def test_on_planes_and_corners_of_cells(name, slabs, monkeypatch):
     mesh = MESHES[name]()
     grid = CellGrid(*mesh)
     rng = np.random.default_rng(0)
-    on = mesh.vertices[mesh.faces].mean(axis=1)[rng.integers(len(mesh.faces), size=2000)]
-    cell = np.rint((on - grid.origin) / grid.edge + rng.uniform(-1, 1, (2000, 3)))
+    on = mesh.vertices[mesh.faces].mean(axis=1)[rng.integers(len(mesh.faces), size=500)]
+    cell = np.rint((on - grid.origin) / grid.edge + rng.uniform(-1, 1, (500, 3)))
     corners = grid.origin + cell * grid.edge
     faces = corners.copy()
-    faces[:, :2] += rng.uniform(0, grid.edge, (2000, 2))
+    faces[:, :2] += rng.uniform(0, grid.edge, (500, 2))
     for points in (corners, faces, corners + 0.5 * grid.edge):
         for digits in (np.float64, np.float32):
             assert agree(mesh, points.astype(digits).astype(np.float64))
@@ -132,13 +132,11 @@ def test_memory_is_bounded():
 def test_the_corpus(name, corpus):
     simplification = pytest.importorskip("fast_simplification")
     whole = trimesh.load(corpus / f"{name}.ply", force="mesh")
-    vertices, faces = np.array(whole.vertices, np.float32), np.array(whole.faces, np.int32)
-    vertices /= np.linalg.norm(vertices, axis=1).max()
-    mesh = triangle_meshes.Mesh(vertices.astype(np.float64), faces.astype(np.int64))
-    if len(faces) > 6000:
-        made = simplification.simplify(vertices, faces, target_count=6000)
-        mesh = triangle_meshes.Mesh(made[0].astype(np.float64), made[1].astype(np.int64))
-    closed = trimesh.Trimesh(*mesh, process=True)
-    if not (closed.is_watertight and closed.is_winding_consistent):
-        pytest.skip("open after simplification")
-    assert agree(mesh, points_around(mesh, 150))
+    whole.apply_scale(1 / np.linalg.norm(whole.vertices, axis=1).max())
+    mesh = trimesh.Trimesh(*simplification.simplify(whole.vertices, whole.faces, target_count=6000))
+    if not mesh.is_watertight:  # centauro-wheel, whose parts touch each other
+        mesh = whole
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    mesh = triangle_meshes.Mesh(np.array(mesh.vertices), np.array(mesh.faces, np.int64))
+    assert agree(mesh, points_around(mesh, 600000 // len(mesh.faces)))

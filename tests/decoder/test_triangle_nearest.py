@@ -12,7 +12,7 @@ from triangle_meshes import MESHES, box, distances, points_around, rotated, sphe
 from cndhf_codec.decoder import parallel
 from cndhf_codec.decoder.queries import TriangleQueries, tree, triangles
 
-ROUNDING = 1e-14  # for coordinates of about 1; the needles' faces are off by as much as their numbers
+ROUNDING = 1e-14  # for coordinates of about 1
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -20,7 +20,8 @@ def test_as_by_brute_force(name):
     mesh = MESHES[name]()
     points = points_around(mesh, 100)
     found = TriangleQueries(*mesh).nearest(points)
-    np.testing.assert_allclose(found.distance, distances(mesh, points), atol=ROUNDING)
+    # In triangles 14,000 times as long as wide, brute force loses digits.
+    np.testing.assert_allclose(found.distance, distances(mesh, points), atol=1e-12 if "plate" in name else ROUNDING)
     # The point is at that distance, and on that face.
     np.testing.assert_allclose(np.linalg.norm(found.point - points, axis=1), found.distance, rtol=1e-12, atol=ROUNDING)
     for face in np.unique(found.face)[:50]:
@@ -37,6 +38,13 @@ def test_the_sign_is_that_of_contains(name):
     np.testing.assert_array_equal(np.abs(signed), queries.nearest(points).distance)
     off = np.abs(signed) > 1e-12
     np.testing.assert_array_equal(signed[off] > 0, winding_numbers(mesh, points)[off] > 0)
+
+
+def test_thin_triangles_lose_no_digits():
+    mesh = MESHES["turned plate"]()
+    weights = np.random.default_rng(0).dirichlet([1, 1, 1], len(mesh.faces))
+    on = (mesh.vertices[mesh.faces] * weights[:, :, None]).sum(axis=1)
+    assert TriangleQueries(*mesh).nearest(on).distance.max() < 1e-15
 
 
 def test_shapes_known_in_closed_form():
@@ -126,4 +134,4 @@ def test_the_corpus_as_libigl(name, corpus):
     points = np.concatenate([rng.uniform(-1, 1, (1000, 3)), on, on + rng.normal(size=on.shape) * 1e-3])
     squared = igl.point_mesh_squared_distance(points, vertices, faces)[0]
     found = TriangleQueries(vertices, faces).nearest(points)
-    np.testing.assert_allclose(found.distance, np.sqrt(squared), atol=1e-12)
+    np.testing.assert_allclose(found.distance, np.sqrt(squared), atol=1e-11)  # libigl is off by 1.4e-12

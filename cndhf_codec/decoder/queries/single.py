@@ -42,21 +42,21 @@ class Triangles:
         self._rows = np.nan_to_num(np.concatenate(rows), copy=False, nan=0, posinf=0, neginf=0)
 
     def feet(self, triangles: I64, x: F64) -> Feet:
-        """Nearest points of triangles (N,) to points x (3, N).
-
-        Every candidate is a point of the triangle, so that a thin triangle's rounding can make a distance too great by
-        no more than itself, and never too small.
-        """
+        """Nearest points of triangles (N,) to points x (3, N)."""
         a, e, f, along_e, along_f = self._rows[:15].take(triangles, axis=1).reshape(5, 3, -1)
         p = x - a
         v, w = _dot(p, along_e), _dot(p, along_f)
-        off = np.flatnonzero(np.minimum(np.minimum(v, w), 1 - v - w) < 0)
-        if len(off):
-            v[off], w[off] = self._on_edges(
-                triangles.take(off), p.take(off, axis=1), e.take(off, axis=1), f.take(off, axis=1)
-            )
+        within = np.minimum(np.minimum(v, w), 1 - v - w) >= 0
+        off = np.flatnonzero(~within)
+        v[off], w[off] = self._on_edges(triangles.take(off), *(s.take(off, axis=1) for s in (p, e, f)))
         p -= v * e
         p -= w * f
+        # Once more, with what is left of p: in a thin triangle, v and w have lost digits.
+        at = np.flatnonzero(within)
+        left = p.take(at, axis=1)
+        left -= _dot(left, along_e.take(at, axis=1)) * e.take(at, axis=1)
+        left -= _dot(left, along_f.take(at, axis=1)) * f.take(at, axis=1)
+        p[:, at] = left
         return Feet(_dot(p, p), x - p)
 
     def hits(self, triangles: I64, origins: F64, directions: F64, frame: F64) -> Hits:

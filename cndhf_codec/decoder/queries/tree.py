@@ -19,8 +19,8 @@ from .single import Triangles
 CHILDREN = 8  # of a node; also the most nodes of the top level
 PAIRS_AT_ONCE = 2**15  # of queries and nodes, looked at together
 
-BOX_MARGIN = 1e-12  # of boxes for rays, in units of their greatest coordinate: much more than rounding
-SLACK = 1 + 1e-9  # of bounds that are computed from other numbers than the distances are
+# Much more than rounding can be off by, in squares, too: in units of the greatest coordinate, and as a factor.
+MARGIN, SLACK = 1e-11, 1 + 1e-9
 # Going down to a first triangle, the squared distance of a box's centre counts this much beside that of the box. 0.3 to
 # 0.001 were tried.
 BOX_CENTRE_WEIGHT = 0.01
@@ -45,7 +45,7 @@ class BoxTree:
         corners = np.stack([vertices[:, k][faces.T] for k in range(3)], axis=1)  # by corner and coordinate
         lo, hi, middle = corners.min(axis=0), corners.max(axis=0), corners.mean(axis=0)
         self._box = lo.min(axis=1), hi.max(axis=1)
-        self._margin = BOX_MARGIN * float(np.abs(self._box).max())
+        self._margin = MARGIN * float(np.abs(self._box).max())
         self._order = _order((lo + hi) / 2)
         self._triangles = Triangles(corners[:, :, self._order])
         nodes = Level(lo[:, self._order], hi[:, self._order], middle[:, self._order])
@@ -62,7 +62,7 @@ class BoxTree:
         turn = np.argsort(found, kind="stable")
         x, found = x.take(turn, axis=1), found.take(turn)
         squared, foot = self._triangles.feet(found, x)
-        bound = squared.copy()  # at most SLACK times the square of a distance from the surface
+        bound = squared.copy()  # squares of distances from the surface, and a little more for rounding
 
         def near(depth: int, query: I64, node: I64) -> I64:
             lo, hi, point = self._levels[depth]
@@ -82,6 +82,7 @@ class BoxTree:
                 off *= off
                 reach += off
             reach *= SLACK
+            reach += self._margin**2
             least = _least_of_each(query, reach, bound)
             bound[query.take(least)] = reach.take(least)
             return kept.compress(total.take(kept) < bound.take(query))
@@ -223,7 +224,7 @@ def _across(d: F64) -> F64:
 
 
 def _parents(nodes: Level) -> Level:
-    """The level above: boxes around groups of nodes, and the one of their points that is nearest to the box's centre."""
+    """The level above: boxes around groups of nodes, and of their points those nearest to the boxes' centres."""
     first = np.arange(0, nodes.lo.shape[1], CHILDREN)
     lo, hi = np.minimum.reduceat(nodes.lo, first, axis=1), np.maximum.reduceat(nodes.hi, first, axis=1)
     points = _filled(nodes).point.reshape(3, -1, CHILDREN)
