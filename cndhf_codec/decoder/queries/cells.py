@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import F32, F64, I32, I64, Mask
-from .crossings import CrossingTriangles
+from .crossings import AFTER, CrossingTriangles, Way
 from .ragged import entries, groups
 
 CELLS_PER_SIDE = 128  # along the longest side of the mesh
@@ -40,17 +40,20 @@ class Meetings(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """For each met cell, the way to a free cell. direction: 2 axis + (1 where it rises). start: (K + 1,).
+    """For each met cell, the way along an axis to a free cell, and the triangles that it may cross.
 
-    end: coordinate along the axis at which the way ends, the free cell's centre; winding: the number there. triangles:
-    those that the way may cross.
+    axis: (K,). rises: (K,) whether it goes towards greater coordinates. end: (K,) coordinates of their ends, the free
+    cells' centres. winding: (K,) the numbers there. start: (K + 1,) into triangles. boxes: for each of these, in cells,
+    least u, greatest u, least v, greatest v, and how far along the way it reaches; u and v are the next axes.
     """
 
-    direction: npt.NDArray[np.int8]
+    axis: I64
+    rises: Mask
     end: F64
     winding: I64
     start: I64
     triangles: I64
+    boxes: list[F32]
 
 
 class Slabs(NamedTuple):
@@ -198,14 +201,23 @@ class CellGrid:
         of, place = entries(self._met.start.take(number), count.take(number))
         of, t = _distinct(own.take(of) * len(self._faces) + self._met.triangles.take(place), len(self._faces))
         last = cells + length * steps
-        axis = direction // 2
+        axis, rises = direction.astype(np.int64) // 2, direction % 2 > 0
         index = np.stack(np.unravel_index(last, tuple(self.shape)))[axis, np.arange(len(cells))]
+        lo, hi = (x.ravel() for x in self._boxes)
+        boxes = []
+        for after in AFTER:
+            at = after.take(axis).take(of) * len(self._faces) + t
+            boxes += [lo.take(at), hi.take(at)]
+        at = axis.take(of) * len(self._faces) + t
+        boxes.append(np.where(rises.take(of), hi.take(at), -lo.take(at)))
         return Paths(
-            direction,
+            axis,
+            rises,
             self.origin.take(axis) + (index + 0.5) * self.edge,
             winding.take(last).astype(np.int64),
             np.searchsorted(of, np.arange(len(cells) + 1)),
             t,
+            boxes,
         )
 
     def _winding_in_cells(self, points: F64, place: F32, cells: npt.NDArray[np.integer]) -> I64:
@@ -214,43 +226,38 @@ class CellGrid:
         place: (3, N) the points' positions as `_locate` gives them.
         """
         paths = self._paths
-        out = paths.winding.take(cells)
-        direction = paths.direction.take(cells)
-        for d in range(6):
-            here = np.flatnonzero(direction == d)
-            start = paths.start.take(cells.take(here))
-            count = paths.start[1:].take(cells.take(here)) - start
-            for first, last in groups(count, PAIRS_AT_ONCE):
-                part = here[first:last]
-                own, entry = entries(start[first:last], count[first:last])
-                own, t = self._near_path(place.take(part, axis=1), own, paths.triangles.take(entry), d)
-                out[part] += self._crossings(points.take(part, axis=0), cells.take(part), own, t, d)
-        return out
-
-    def _near_path(self, place: F32, own: I64, t: I64, direction: int) -> tuple[I64, I64]:
-        """Pairs of points (own) and triangles (t) whose boxes the paths of the points meet."""
-        axis = direction // 2
-        lo, hi = self._boxes
-        ahead = place[axis].take(own)
-        near = hi[axis].take(t) >= ahead if direction % 2 else lo[axis].take(t) <= ahead
-        for k in range(3):
-            if k != axis:
-                x = place[k].take(own)
-                near &= lo[k].take(t) <= x
-                near &= hi[k].take(t) >= x
-        at = np.flatnonzero(near)
-        return own.take(at), t.take(at)
-
-    def _crossings(self, points: F64, cells: npt.NDArray[np.integer], own: I64, t: I64, direction: int) -> I64:
-        """Changes (N,) of the winding number from the ends of the paths to points (N, 3), in pairs (own, t)."""
-        axis = direction // 2
-        x = np.ascontiguousarray(points.T)
-        covers = self._triangles.covers(t, x[(axis + 1) % 3].take(own), x[(axis + 2) % 3].take(own), axis)
-        covered = np.flatnonzero(covers)
-        t, own, covers = t.take(covered), own.take(covered), covers.take(covered)
-        crossed = self._triangles.between(t, x.take(own, axis=1), self._paths.end.take(cells.take(own)), axis)
-        sums = np.bincount(own, weights=covers * crossed, minlength=len(points)).astype(np.int64)
-        return sums if direction % 2 else -sums
+        axis, rises = paths.axis.take(cells), paths.rises.take(cells)
+        start = paths.start.take(cells)
+        count = paths.start[1:].take(cells) - start
+        each = np.arange(len(cells))
+        place = place.ravel()
+        axes = [axis, *(after.take(axis) for after in AFTER)]
+        z, u, v = (place.take(k * len(cells) + each) for k in axes)
+        z = np.where(rises, z, -z)
+        x = points.ravel()
+        exact_z, exact_u, exact_v = (x.take(3 * each + k) for k in axes)
+        change = np.empty(len(cells))
+        for first, last in groups(count, PAIRS_AT_ONCE):
+            own, entry = entries(start[first:last], count[first:last])
+            # First, the triangles' boxes: most triangles of a cell are not on the point's way.
+            least_u, greatest_u, least_v, greatest_v, reach = (box.take(entry) for box in paths.boxes)
+            at = u[first:last].take(own)
+            near = (least_u <= at) & (greatest_u >= at)
+            at = v[first:last].take(own)
+            near &= (least_v <= at) & (greatest_v >= at)
+            near &= reach >= z[first:last].take(own)
+            kept = np.flatnonzero(near)
+            own, t = own.take(kept) + first, paths.triangles.take(entry.take(kept))
+            way_u, way_v, along = exact_u.take(own), exact_v.take(own), axis.take(own)
+            covers = self._triangles.covers(t, way_u, way_v, along)
+            kept = np.flatnonzero(covers)
+            own = own.take(kept)
+            way = Way(way_u.take(kept), way_v.take(kept), exact_z.take(own), paths.end.take(cells.take(own)))
+            crossed = self._triangles.between(t.take(kept), way, along.take(kept))
+            sums = np.bincount(own - first, weights=covers.take(kept) * crossed, minlength=last - first)
+            change[first:last] = sums
+        # Towards greater coordinates, a triangle that faces that way is left.
+        return paths.winding.take(cells) + np.where(rises, change, -change).astype(np.int64)
 
     def _make_slabs(self, points: int) -> Slabs | None:
         if self._slabs is None:
