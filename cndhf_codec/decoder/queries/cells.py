@@ -104,13 +104,15 @@ class CellGrid:
         slabs = self._make_slabs(len(points))
         if slabs is not None:
             n = slabs.planes.take(cell, axis=0)
-            along = n[:, 0] * (place[0] % 1)
-            for k in (1, 2):
-                along += n[:, k] * (place[k] % 1)
+            along = np.zeros(len(cell), np.float32)
+            for k in range(3):
+                along += n[:, k] * (place[k] - np.floor(place[k]))
             low, high = along < n[:, 3], along > n[:, 4]
             sides = slabs.sides.take(cell)
             inside[unsure] = (low & (sides & LOW_SIDE > 0)) | (high & (sides & HIGH_SIDE > 0))
             between = np.flatnonzero(~(low | high))
+            # Cell by cell: what a cell needs is read once.
+            between = between[np.argsort(cell.take(between))]
             unsure, cell, place = unsure.take(between), cell.take(between), place.take(between, axis=1)
         inside[unsure] = self._winding_in_cells(points.take(unsure, axis=0), place, cell) > 0
         return inside
@@ -123,11 +125,11 @@ class CellGrid:
             for k in range(3):
                 x = points[:, k] - self.origin[k]
                 x /= self.edge
-                # NaN goes to the border, where all is outside, as what is too far away does.
-                np.fmax(np.fmin(x, self.shape[k] - 0.5, out=x), 0, out=x)
                 place[k] = x
+                # As an unsigned number, what is below zero or not finite is huge, or 0: a cell of the border.
+                cell = place[k].astype(np.int32).view(np.uint32)
                 flat *= self.shape[k]
-                flat += place[k].astype(np.int32)
+                flat += np.minimum(cell, np.uint32(self.shape[k] - 1), out=cell)
         return flat, place
 
     def _meetings(self, corners: F64) -> Meetings:
