@@ -43,6 +43,24 @@ class OccupancyGrid(NamedTuple):
     spacing: float
 
 
+class NearestPoints(NamedTuple):
+    """Nearest points of a triangle mesh.
+
+    Attributes
+    ----------
+    distance : ndarray of float64, shape (N,)
+        Distance from the mesh, at least 0.
+    face : ndarray of int64, shape (N,)
+        Number of a face with the nearest point; -1 where there is none.
+    point : ndarray of float64, shape (N, 3)
+        The nearest point; NaN where there is none.
+    """
+
+    distance: F64
+    face: I64
+    point: F64
+
+
 class RayHits(NamedTuple):
     """First crossings of rays with the surface: what `Model.ray_intersect` returns.
 
