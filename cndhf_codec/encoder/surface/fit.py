@@ -1,0 +1,197 @@
+"""Fit control vertices so that the limit surface is as near to the input as can be: iterated closest points.
+
+Each round pairs points of the two surfaces in both directions, and moves the control vertices so that the distances
+along the normals (Chen and Medioni, 1991) shrink. Weights of 1 / distance make the sum of squares a sum of distances
+(iteratively reweighted least squares), which is what CD measures.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+import scipy.sparse as sp
+
+from ...arrays import F64, I64
+from ...mesh.sampling import face_areas
+from .basis import Basis
+from .target import Surface, Target
+
+SAMPLES = 20_000  # points in each direction
+# Distances below this share of the mean weigh no more than those at it: the weight 1 / distance has no bound.
+FLOOR = 0.25
+# Added to the normal matrix's diagonal, relative to its mean: it holds vertices along the surface, where planes do not.
+DAMPING = 1e-2
+STEPS, TOLERANCE = 60, 1e-4  # of conjugate gradients
+OBLIQUE = 0.7  # cosine below which a closest point lies on an edge of the surface, not in a face
+
+
+class Normal(NamedTuple):
+    """The linearised problem: matrix (3 V, 3 V) and right-hand side (3 V,), coordinates of a vertex together, and the
+    mean distance, CD in the normalised frame, at which it was set up."""
+
+    matrix: sp.bsr_matrix
+    side: F64
+    mean: float
+
+
+class Pairs(NamedTuple):
+    """Points of the tessellation and what they should be near to.
+
+    faces: (K,) of the tessellation. places: (K, 3) barycentric. normals: (K, 3) along which distances count. gaps: (K,)
+    signed distance to go. weights: (K,). mean: distance, of both directions.
+    """
+
+    faces: I64
+    places: F64
+    normals: F64
+    gaps: F64
+    weights: F64
+    mean: float
+
+
+def fit(basis: Basis, target: Target, control: F64, rounds: int) -> F64:
+    """Move control vertices (V, 3) in rounds; returns the new ones."""
+    for _ in range(rounds):
+        normal = linearised(basis, target, control)
+        damping = DAMPING * normal.matrix.diagonal().mean()
+        control = control + solved(normal.matrix, normal.side, damping).reshape(-1, 3)
+    return control
+
+
+def linearised(basis: Basis, target: Target, control: F64, even: bool = False) -> Normal:
+    """Set up the normal equations. even: all distances weigh the same, as noise does (`rounding.py`)."""
+    pairs = _paired(basis, target, control, even)
+    owner = basis.owner[pairs.faces]
+    order = np.argsort(owner, kind="stable")
+    first = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=basis.n_faces))])
+    counts = np.diff(basis.ptr)
+    start = np.concatenate([[0], np.cumsum(counts * counts)])
+    blocks, sides = np.zeros((start[-1], 3, 3)), np.zeros((len(basis.support), 3))
+    m = basis.matrix
+    _add_up(
+        _Rows(m.indptr, m.indices, m.data),
+        basis.fine,
+        basis.ptr,
+        basis.support,
+        start,
+        _Samples(order, first, pairs.faces, pairs.places, pairs.normals, pairs.gaps, pairs.weights),
+        blocks,
+        sides,
+    )
+    data = np.zeros((len(basis.indices), 9))
+    flat = blocks.reshape(-1, 9)
+    for k in range(9):
+        data[:, k] = np.bincount(basis.slots, flat[:, k], len(basis.indices))
+    side = np.column_stack([np.bincount(basis.support, sides[:, k], basis.n_vertices) for k in range(3)])
+    n = 3 * basis.n_vertices
+    matrix = sp.bsr_matrix((data.reshape(-1, 3, 3), basis.indices, basis.indptr), shape=(n, n))
+    return Normal(matrix, side.ravel(), pairs.mean)
+
+
+def solved(matrix: sp.bsr_matrix, side: F64, damping: float) -> F64:
+    """Solve (matrix + damping) x = side by conjugate gradients with the diagonal as preconditioner."""
+    scale = 1 / (matrix.diagonal() + damping)
+    x, r = np.zeros_like(side), side.copy()
+    z = scale * r
+    p, rz = z, float(r @ z)
+    least = TOLERANCE**2 * rz
+    for _ in range(STEPS):
+        if rz <= least:
+            break
+        q = matrix @ p + damping * p
+        step = rz / float(p @ q)
+        x, r = x + step * p, r - step * q
+        z = scale * r
+        before, rz = rz, float(r @ z)
+        p = z + rz / before * p
+    return x
+
+
+def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
+    surface = basis.surface(control)
+    fine = basis.fine
+    # Middles of faces at equal steps of area, so that they cover the surface evenly.
+    along = np.cumsum(face_areas(surface, fine))
+    drawn = np.searchsorted(along, (np.arange(SAMPLES) + 0.5) / SAMPLES * along[-1])
+    drawn = np.minimum(drawn, len(fine) - 1)
+    mine = surface[fine[drawn]].mean(axis=1)
+    there = target.closest(mine)
+    here = Surface(surface, fine).closest(target.samples)
+    mean = float(there.distances.mean() + here.distances.mean()) / 2
+    distances = np.concatenate([there.distances, here.distances])
+    counts = np.repeat([len(drawn), len(target.samples)], [len(drawn), len(target.samples)])
+    weights = 0.5 / counts / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
+    normals = np.concatenate([target.face_normals[there.faces], target.normals])
+    offsets = np.concatenate([there.points - mine, target.samples - here.points])
+    gaps = np.sum(offsets * normals, axis=1)
+    # Off the edge of a sheet or a crease the nearest way is not along the normal.
+    oblique = (np.abs(gaps) < OBLIQUE * distances) & (distances > 1e-9)
+    normals[oblique] = offsets[oblique] / distances[oblique, None]
+    gaps[oblique] = distances[oblique]
+    places = np.concatenate([np.full((len(drawn), 3), 1 / 3), _barycentric(here.points, surface[fine[here.faces]])])
+    return Pairs(np.concatenate([drawn, here.faces]), places, normals, gaps, weights, mean)
+
+
+def _barycentric(points: F64, corners: F64) -> F64:
+    """(N, 3) barycentric coordinates of points (N, 3) in triangles (N, 3, 3)."""
+    a = corners[:, 0]
+    u, v, w = corners[:, 1] - a, corners[:, 2] - a, points - a
+    uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
+    wu, wv = (w * u).sum(1), (w * v).sum(1)
+    area = np.maximum(uu * vv - uv * uv, 1e-300)
+    s, t = np.clip((vv * wu - uv * wv) / area, 0, 1), np.clip((uu * wv - uv * wu) / area, 0, 1)
+    return np.column_stack([1 - s - t, s, t])
+
+
+class _Rows(NamedTuple):
+    """A sparse matrix by rows."""
+
+    indptr: np.ndarray
+    indices: np.ndarray
+    data: F64
+
+
+class _Samples(NamedTuple):
+    """`Pairs` by control face: those of face f are order[first[f] : first[f + 1]]."""
+
+    order: I64
+    first: I64
+    faces: I64
+    places: F64
+    normals: F64
+    gaps: F64
+    weights: F64
+
+
+@nb.njit(cache=True, parallel=True)
+def _add_up(rows, fine, ptr, support, start, samples, blocks, sides):
+    """Sum, for each control face, the products of its samples' rows into dense blocks of its support."""
+    for f in nb.prange(len(ptr) - 1):
+        m = ptr[f + 1] - ptr[f]
+        row = np.zeros(m)
+        for i in range(samples.first[f], samples.first[f + 1]):
+            s = samples.order[i]
+            row[:] = 0
+            for c in range(3):
+                vertex, place = fine[samples.faces[s], c], samples.places[s, c]
+                q = 0
+                for p in range(rows.indptr[vertex], rows.indptr[vertex + 1]):
+                    while support[ptr[f] + q] != rows.indices[p]:
+                        q += 1
+                    row[q] += place * rows.data[p]
+            normal, weight = samples.normals[s], samples.weights[s]
+            for j in range(m):
+                if row[j] == 0:
+                    continue
+                a = weight * row[j]
+                for x in range(3):
+                    sides[ptr[f] + j, x] += a * samples.gaps[s] * normal[x]
+                for k in range(m):
+                    b = a * row[k]
+                    if b != 0:
+                        block = blocks[start[f] + j * m + k]
+                        for x in range(3):
+                            for y in range(3):
+                                block[x, y] += b * normal[x] * normal[y]
