@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         MissingExtraError,
         OptionError,
         OutputError,
+        SheetError,
         SurfaceError,
     )
 
@@ -45,6 +46,7 @@ __all__ = [
     "OptionError",
     "OutputError",
     "Report",
+    "SheetError",
     "SurfaceError",
     "check",
     "encode",
@@ -67,6 +69,7 @@ _HOMES = {
     "OptionError": "errors",
     "OutputError": "errors",
     "Report": "encoder.report",
+    "SheetError": "errors",
     "SurfaceError": "errors",
     "check": "encoder.check",
     "encode": "encoder.pipeline",

@@ -88,6 +88,10 @@ class SurfaceError(CndhfError):
     """Raised when no surface can be made: the solid is empty or too thin for the resolution, or beyond the limits."""
 
 
+class SheetError(CndhfError):
+    """Raised when something needs an inside, and the file holds a sheet: a surface that encloses nothing."""
+
+
 class EncodeError(CndhfError):
     """Raised when the encoder cannot make a model of a mesh."""
 

@@ -1,10 +1,12 @@
-"""The decoded model: queries and surfaces in the coordinates of the mesh that was encoded."""
+"""The decoded model: queries and surfaces in the coordinates of the mesh that was encoded.
+
+What is said of one representation alone stands in dhf/representation.py and surface/representation.py.
+"""
 
 from __future__ import annotations
 
-import math
 import os
-import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, overload
@@ -13,36 +15,33 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
-from ..arguments import bytes_like, chunks, length, path_like, real_number, rows, vectors, whole_number
-from ..arrays import F32, Mask
-from ..errors import CndhfWarning, FormatError, InputError, LimitError, OptionError, SurfaceError, require
+from ..arguments import bytes_like, chunks, path_like, rows, vectors, whole_number
+from ..arrays import F32, F64, Mask
+from ..errors import FormatError, InputError, LimitError, OptionError, require
 from ..files import read_bytes, write_atomically
 from ..format.constants import MAX_FILE_SIZE
-from .dhf.field import implicit, implicit_gradient
-from .dhf.solid import DhfSolid
+from .dhf.representation import DEFAULT_RESOLUTION, DhfRepresentation
 from .limits import Limits
 from .parallel import over_rows
-from .results import OccupancyGrid, RayHits, TriangleMesh
-
-# Evidence for these constants: ADR 031; DEFAULT_RESOLUTION: 028; DEFAULT_MAX_ERROR: 030.
-POINTS_AT_ONCE = 2**16
-# Points are clamped to this distance (normalised units; a DHF's box ends at 2), because float32 would overflow on
-# greater ones. They stay outside.
-MAX_COORDINATE = np.float32(2**20)
-POINTS_WORTH_CELLS = 2**18  # points asked for, over all calls, from which on cells save more time than they take
-DEFAULT_RESOLUTION = 256
-DEFAULT_MAX_ERROR = "0.02%"  # of an intersection: far less than what the smallest files lose
+from .representation import Detail, Method, Representation
+from .results import Nearest, OccupancyGrid, RayHits, TriangleMesh
+from .surface.representation import SurfaceRepresentation
 
 
 class Model:
-    """The solid of a `.cndhf` file, for queries of points and rays, and for surfaces.
+    """The shape of a `.cndhf` file, for queries of points and rays, and for meshes.
+
+    A file holds an intersection of double height fields (`dhf`) or a subdivision surface (`surface`): `representation`
+    says which. A surface may be a *sheet*, which encloses nothing; what needs an inside raises SheetError then.
 
     All coordinates and lengths are those of the mesh that was encoded, in its units ("input coordinates"). Only
     `heights` and `surface` use the normalised frame, (p - centre) / scale, with `centre` and `scale` from `info`.
     Points may be float32 or float64; at a great distance from the origin only float64 has the digits they need.
 
     Queries work in pieces. Besides their arguments and results they hold at most 60 MB, whatever the number of points,
-    8 MB per processor after the second, and for a moment 1 MB per double height field. A model may be used from several
+    8 MB per processor after the second, and for a moment 1 MB per double height field. Those that are answered from a
+    mesh, which are `distance` and `nearest` and all of a surface, hold 100 MB, 40 MB per processor after the second,
+    and 600 bytes per triangle of the mesh, of which a surface has 524,288 at most. A model may be used from several
     threads at once.
 
     Models are made by `load`, `loads`, `loads_prefix` and `encode`.
@@ -84,9 +83,12 @@ class Model:
         self.container = container
         self.limits = Limits() if limits is None else limits
         self._sections = sections
-        self._solid = DhfSolid(container.dhfs)
+        self._shape: Representation = (
+            DhfRepresentation(container)
+            if container.surface is None
+            else SurfaceRepresentation(container.surface, container.scale)
+        )
         self._centre = np.array(container.centre, dtype=np.float64)
-        self._points_asked = 0
         # What `encode` did, a `cndhf_codec.Report`; None for a model that was read.
         self.report: Any = None
 
@@ -117,6 +119,18 @@ class Model:
         self._limits = limits
 
     @property
+    def representation(self) -> Literal["dhf", "surface"]:
+        """What the file holds: "dhf", an intersection of double height fields, or "surface", a subdivision surface.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> cndhf_codec.load("tests/golden/encoded.cndhf").representation
+        'dhf'
+        """
+        return self._shape.kind
+
+    @property
     def info(self) -> dict[str, Any]:
         """What the file holds, in plain Python values.
 
@@ -125,11 +139,18 @@ class Model:
         dict
             bytes, sections
                 Size of the file, and of each of its sections.
+            representation
+                "dhf" or "surface".
             dhfs
-                For each double height field: axis (3 floats), mirrored ("u", "v"), width, hidden_layers, parameters and
+                Of `dhf` only. For each double height field: axis (3 floats), mirrored ("u", "v"), width, hidden_layers, parameters and
                 bounds (of u, v, z in its frame, normalised units).
             parameters, bits_per_parameter
-                Weights of all networks, and the file's size in bits divided by their number.
+                Of `dhf` only. Weights of all networks, and the file's size in bits divided by their number.
+            vertices, faces, sharp_edges, components, bits_per_vertex
+                Of `surface` only. Counts of the control mesh, without sharp boundary edges, and the file's size in bits
+                divided by the number of vertices.
+            closed
+                Of `surface` only. Whether every edge has two faces; if not, it is a sheet.
             centre, scale
                 Of the normalised frame: a point p of input coordinates is (p - centre) / scale there.
             encoder, source
@@ -145,26 +166,14 @@ class Model:
         (1232, 804, 2)
         """
         c = self.container
-        parameters = sum(d.parameters for d in c.dhfs)
         # What `dumps` gives can have another size: without unknown sections, with another release of zstd.
         sections = fmt.section_sizes(self.dumps()) if self._sections is None else self._sections
         size = sum(sections.values())
         return {
             "bytes": size,
             "sections": dict(sections),
-            "dhfs": [
-                {
-                    "axis": [round(float(x), 6) for x in d.rotation[2]],
-                    "mirrored": [name for name, m in zip("uv", d.mirrors, strict=True) if m is not None],
-                    "width": d.width,
-                    "hidden_layers": d.hidden_layers,
-                    "parameters": d.parameters,
-                    "bounds": [[float(x) for x in row] for row in d.bounds],
-                }
-                for d in c.dhfs
-            ],
-            "parameters": parameters,
-            "bits_per_parameter": 8 * size / parameters,
+            "representation": self._shape.kind,
+            **self._shape.describe(size),
             "centre": list(c.centre),
             "scale": c.scale,
             "encoder": c.metadata.encoder,
@@ -203,13 +212,15 @@ class Model:
         array([[ 0.1,  0.3],
                [-0.3,  0.1]], dtype=float32)
         """
+        shape = self._height_fields("heights")
+        dhfs = shape.solid.dhfs
         i = whole_number(i, "the number of a DHF")
-        if not 0 <= i < len(self._solid.dhfs):
-            raise OptionError(f"there is no DHF {i}; this model has {len(self._solid.dhfs)}")
+        if not 0 <= i < len(dhfs):
+            raise OptionError(f"there is no DHF {i}; this model has {len(dhfs)}")
         array = vectors(uv, 2)
         out = np.empty((array.size // 2, 2), dtype=np.float32)
-        for first, last in chunks(len(out), POINTS_AT_ONCE):
-            out[first:last] = self._solid.dhfs[i].heights(rows(array, first, last).astype(np.float32))
+        for first, last in chunks(len(out), shape.points_at_once):
+            out[first:last] = dhfs[i].heights(rows(array, first, last).astype(np.float32))
         return out.reshape(array.shape)
 
     @overload
@@ -254,12 +265,12 @@ class Model:
         array = vectors(points, 3)
         out = np.empty(array.size // 3, dtype=np.float32)
         slope = np.empty((len(out) if gradient else 0, 3), dtype=np.float32)
-        for first, last in chunks(len(out), POINTS_AT_ONCE):
-            p = np.clip(self._normalised(rows(array, first, last)), -MAX_COORDINATE, MAX_COORDINATE)
+        for first, last in chunks(len(out), self._shape.points_at_once):
+            p = self._normalised(rows(array, first, last))
             if gradient:
-                f, slope[first:last] = implicit_gradient(self._solid.dhfs, p)
+                f, slope[first:last] = self._shape.implicit_gradient(p)
             else:
-                f = implicit(self._solid.dhfs, p)
+                f = self._shape.implicit(p)
             out[first:last] = f * np.float32(self.container.scale)
         # The gradient has no scale: that of f and that of the coordinates cancel.
         shaped = out.reshape(array.shape[:-1])
@@ -294,16 +305,85 @@ class Model:
         """
         array = vectors(points, 3)
         out = np.empty(array.size // 3, dtype=bool)
-        self._points_asked += len(out)  # two threads at once may lose a count, which does no harm
-        if not self._solid.has_cells and self._points_asked < POINTS_WORTH_CELLS:
-            return np.asarray(self.implicit(array) >= 0)
-        cells = self._solid.cells()
+        self._shape.prepare(len(out))
 
         def work(first: int, last: int) -> None:
-            out[first:last] = cells.contains(self._normalised(rows(array, first, last)))
+            out[first:last] = self._shape.contains(self._normalised(rows(array, first, last)))
 
-        over_rows(work, len(out), POINTS_AT_ONCE)
+        over_rows(work, len(out), self._shape.points_at_once)
         return out.reshape(array.shape[:-1])
+
+    def distance(self, points: npt.ArrayLike) -> F64:
+        """Signed distance from the surface: positive inside the solid, negative outside.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in input coordinates.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+            In input units: the distance from the mesh that `to_mesh()` makes by default, exact up to rounding. So it is
+            off by at most what that mesh is. -inf for a point that is not finite; NaN for one with a NaN.
+
+        Raises
+        ------
+        OptionError
+            When points is not an array of numbers of that shape.
+        SheetError
+            When the file holds a sheet, which has no inside: see `nearest`.
+        SurfaceError
+            When there is no such mesh, as for `to_mesh`.
+
+        Notes
+        -----
+        The first call makes the mesh and its tables, 450 bytes per triangle. They are kept.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> model.distance([[20, 10, 100]]).round()
+        array([-92.])
+        """
+        return self._in_pieces(points, self._shape.distance) * self.container.scale
+
+    def nearest(self, points: npt.ArrayLike) -> Nearest:
+        """The points of the surface that are nearest to points, for solids and sheets.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in input coordinates.
+
+        Returns
+        -------
+        Nearest
+            distance (...), without a sign, and point (..., 3), in input units and coordinates; float64. Of the same
+            mesh as in `distance`. For a point that is not finite, inf or NaN, and NaN.
+
+        Raises
+        ------
+        OptionError
+            When points is not an array of numbers of that shape.
+        SurfaceError
+            As for `distance`.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
+        >>> model.nearest([20, 10, 100]).point.round()
+        array([20., 10.,  8.])
+        """
+        array = vectors(points, 3)
+        distance, point = np.empty(array.size // 3), np.empty((array.size // 3, 3))
+        for first, last in chunks(len(distance), self._shape.points_at_once):
+            found = self._shape.nearest(self._normalised(rows(array, first, last)))
+            distance[first:last] = found.distance * self.container.scale
+            point[first:last] = found.point * self.container.scale + self._centre
+        return Nearest(distance.reshape(array.shape[:-1]), point.reshape(array.shape))
 
     def normals(self, points: npt.ArrayLike) -> F32:
         """Outward normals of the surface.
@@ -330,7 +410,11 @@ class Model:
         >>> bool(model.normals([20, 10, 7.92])[2] > 0.9)
         True
         """
-        return _outward(self.implicit(points, gradient=True)[1])
+        array = vectors(points, 3)
+        out = np.empty((array.size // 3, 3), dtype=np.float32)
+        for first, last in chunks(len(out), self._shape.points_at_once):
+            out[first:last] = self._shape.normals(self._normalised(rows(array, first, last)))
+        return out.reshape(array.shape)
 
     def ray_intersect(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
         """Where rays first cross the surface.
@@ -369,8 +453,6 @@ class Model:
         >>> hits.distance.round(1)
         array([92.1,  inf])
         """
-        from .dhf.rays import first_crossings
-
         from_, along = (vectors(a, 3) for a in (origins, directions))
         try:
             shape = np.broadcast_shapes(from_.shape, along.shape)
@@ -381,36 +463,43 @@ class Model:
         n = from_.size // 3
         distance = np.full(n, np.inf, dtype)
         point, normal = (np.full((n, 3), np.nan, dtype) for _ in range(2))
-        cells = self._solid.cells()
-        for first, last in chunks(n, POINTS_AT_ONCE):
+        for first, last in chunks(n, self._shape.points_at_once):
             o, d = (rows(a, first, last).astype(np.float64) for a in (from_, along))
-            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                d /= np.abs(d).max(axis=1, keepdims=True)  # else its square may overflow or vanish
-                d /= np.linalg.norm(d, axis=1, keepdims=True)
-            p = (o - self._centre) / self.container.scale
-            t = first_crossings(cells, p, d)
-            hit = np.flatnonzero(np.isfinite(t))
-            _, g = implicit_gradient(self._solid.dhfs, (p[hit] + t[hit, None] * d[hit]).astype(np.float32))
-            t *= self.container.scale
-            distance[first + hit], normal[first + hit] = t[hit], _outward(g)
-            point[first + hit] = o[hit] + t[hit, None] * d[hit]
+            hits = self._shape.first_hits((o - self._centre) / self.container.scale, d)
+            part = slice(first, last)
+            distance[part], normal[part] = hits.distance * self.container.scale, hits.normal
+            point[part] = hits.point * self.container.scale + self._centre
         return RayHits(distance.reshape(shape[:-1]), point.reshape(shape), normal.reshape(shape))
 
-    def _normalised(self, points: npt.NDArray[np.floating]) -> F32:
-        """Points (N, 3) of input coordinates in the normalised frame; subtracted in float64."""
+    def _height_fields(self, name: str) -> DhfRepresentation:
+        """The representation, where it is one of double height fields. Raises OptionError."""
+        if not isinstance(self._shape, DhfRepresentation):
+            raise OptionError(f"{name} belongs to double height fields; this file holds a surface")
+        return self._shape
+
+    def _in_pieces(self, points: npt.ArrayLike, query: Callable[[F64], F64]) -> F64:
+        array = vectors(points, 3)
+        out = np.empty(array.size // 3)
+        for first, last in chunks(len(out), self._shape.points_at_once):
+            out[first:last] = query(self._normalised(rows(array, first, last)))
+        return out.reshape(array.shape[:-1])
+
+    def _normalised(self, points: npt.NDArray[Any]) -> F64:
+        """Points (N, 3) of input coordinates in the normalised frame."""
         flat = points.reshape(-1)  # numpy is several times slower along rows of three
-        with np.errstate(over="ignore"):
-            p = flat - np.tile(self._centre, len(points))
+        with np.errstate(over="ignore", invalid="ignore"):
+            p: F64 = flat - np.tile(self._centre, len(points))
             p /= self.container.scale
-            return p.astype(np.float32).reshape(-1, 3)
+        return p.reshape(-1, 3)
 
     def to_mesh(
         self,
         resolution: int | None = None,
-        method: Literal["marching-cubes", "intersection"] | None = None,
+        method: Method | None = None,
         max_error: float | str | None = None,
         faces: int | None = None,
         normals: bool = False,
+        level: int | None = None,
     ) -> Any:
         """The surface as a mesh: watertight, facing outward. Needs the `mesh` extra.
 
@@ -466,28 +555,19 @@ class Model:
         >>> len(model.to_mesh(method="intersection", faces=500).faces) <= 500
         True
         """
-        chosen = method is not None or resolution is not None
-        resolution = self.limits.check(self.container, DEFAULT_RESOLUTION if resolution is None else resolution)
+        detail = Detail(resolution, method, max_error, faces, level)
         trimesh = require("trimesh", "mesh")
-        if method not in (None, "marching-cubes", "intersection"):
-            raise OptionError(f"method is {method!r}; there are 'marching-cubes' and 'intersection'")
-        if method != "intersection" and (max_error is not None or faces is not None):
-            raise OptionError("max_error and faces belong to method 'intersection'")
-        if method == "intersection":
-            surface = self._intersection(max_error, faces, resolution)
-        elif not chosen:
-            surface = self.surface(resolution)
-        else:
-            self._warn_of_thin_walls(resolution)
-            surface = self._solid.isosurface(resolution, self.limits)
-        # process=False: merging vertices by position could weld parts of the surface that only touch.
-        vertices = surface.vertices * self.container.scale + self._centre
-        mesh = trimesh.Trimesh(vertices, surface.faces, process=False)
         if normals:
-            mesh.vertex_normals = self.normals(mesh.vertices)
+            vertices, triangles, vertex_normals = self._shape.shaded_mesh(detail, self.limits)
+        else:
+            vertices, triangles = self._shape.mesh(detail, self.limits)
+        # process=False: merging vertices by position could weld parts of the surface that only touch.
+        mesh = trimesh.Trimesh(vertices * self.container.scale + self._centre, triangles, process=False)
+        if normals:
+            mesh.vertex_normals = vertex_normals
         return mesh
 
-    def surface(self, resolution: int) -> TriangleMesh:
+    def surface(self, resolution: int | None = None, level: int | None = None) -> TriangleMesh:
         """The surface as arrays in the normalised frame.
 
         Parameters
@@ -515,42 +595,12 @@ class Model:
         >>> vertices.shape[1], faces.shape[1]
         (3, 3)
         """
-        resolution = whole_number(resolution, "resolution")
-        if self._solid.thinner_than_a_cell(DEFAULT_RESOLUTION):
-            return self._intersection(None, None, DEFAULT_RESOLUTION)
-        return self._solid.isosurface(resolution, self.limits)
-
-    def _intersection(self, max_error: float | str | None, faces: int | None, resolution: int) -> TriangleMesh:
-        """The surface by intersection, or with a warning by marching cubes, should that fail."""
-        if max_error is not None and faces is not None:
-            raise OptionError("give max_error or faces, not both")
-        if faces is not None and not real_number(faces, "faces") >= 4:
-            raise OptionError(f"faces is {faces}; a solid has at least 4")
-        rough = self._solid.rough_surface(self.limits)
-        error = None
-        if faces is None:
-            error = length(DEFAULT_MAX_ERROR if max_error is None else max_error, rough.diagonal, self.container.scale)
-            thin = self._solid.thinner_than_a_cell(DEFAULT_RESOLUTION)
-            if thin is not None and max_error is None:
-                error = min(error, thin.typical / 20)
-        try:
-            return self._solid.intersection(error, None if faces is None else int(faces), rough, self.limits)
-        except SurfaceError as exc:
-            warnings.warn(f"no intersection ({exc}); the surface is that of marching cubes", CndhfWarning, stacklevel=3)
-            self._warn_of_thin_walls(resolution)
-            return self._solid.isosurface(resolution, self.limits)
-
-    def _warn_of_thin_walls(self, resolution: int) -> None:
-        # Against the default resolution at least: that a coarser grid loses thin walls needs no warning.
-        thin = self._solid.thinner_than_a_cell(max(resolution, DEFAULT_RESOLUTION))
-        if thin is not None:
-            warnings.warn(
-                f"parts of the solid, {thin.least * self.container.scale:.3g} thick, are thinner than a cell of "
-                f"resolution {resolution} and may come out torn or not at all: leave resolution and method to the "
-                f"default, take the method intersection, or a resolution of {math.ceil(thin.resolution)} and more",
-                CndhfWarning,
-                stacklevel=3,
-            )
+        if not isinstance(self._shape, DhfRepresentation):
+            return self._shape.mesh(Detail(resolution, level=level), self.limits)
+        if level is not None:
+            return self._shape.mesh(Detail(level=level), self.limits)
+        resolution = DEFAULT_RESOLUTION if resolution is None else whole_number(resolution, "resolution")
+        return self._shape.whole(resolution, self.limits)
 
     def occupancy(self, resolution: int = DEFAULT_RESOLUTION) -> OccupancyGrid:
         """In/out at the nodes of a regular grid around the solid.
@@ -589,9 +639,7 @@ class Model:
         >>> grid.shape, round(spacing, 1)
         ((22, 16, 11), 5.1)
         """
-        resolution = self.limits.check(self.container, resolution)
-        self._warn_of_thin_walls(resolution)
-        grid, origin, spacing = self._solid.occupancy(resolution, self.limits)
+        grid, origin, spacing = self._shape.occupancy(resolution, self.limits)
         scale = self.container.scale
         return OccupancyGrid(grid, origin * scale + self._centre, spacing * scale)
 
@@ -621,6 +669,7 @@ class Model:
         >>> len(model.prefix(1).info["dhfs"])
         1
         """
+        self._height_fields("prefix")
         n_dhfs = whole_number(n_dhfs, "n_dhfs")
         if not 1 <= n_dhfs <= len(self.container.dhfs):
             raise OptionError(f"there are no {n_dhfs} DHFs; this model has {len(self.container.dhfs)}")
@@ -832,10 +881,3 @@ def _loads(data: bytes, name: str, limits: Limits | None) -> Model:
         return loads(data, limits)
     except FormatError as exc:
         raise type(exc)(f"{name}: {exc}") from exc
-
-
-def _outward(gradient: F32) -> F32:
-    """The outward unit normals (..., 3) of a surface where f has these gradients (..., 3)."""
-    length = np.linalg.norm(gradient, axis=-1, keepdims=True)
-    # A gradient is zero only for points that are not finite: flat heights have slope 1 along their axis.
-    return np.divide(-gradient, length, out=np.zeros_like(gradient), where=length > 0)

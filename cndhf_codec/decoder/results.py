@@ -11,7 +11,7 @@ from ..arrays import F64, I64, Mask
 
 
 class TriangleMesh(NamedTuple):
-    """A closed surface in the normalised frame.
+    """A surface in the normalised frame: closed, but that of a sheet.
 
     Attributes
     ----------
@@ -23,6 +23,24 @@ class TriangleMesh(NamedTuple):
 
     vertices: F64
     faces: I64
+
+
+class ShadedMesh(NamedTuple):
+    """A surface in the normalised frame with a normal per vertex. A vertex on a sharp edge may come once per side.
+
+    Attributes
+    ----------
+    vertices : ndarray of float64, shape (N, 3)
+        Positions.
+    faces : ndarray of int64, shape (M, 3)
+        Numbers of vertices, anticlockwise seen from outside.
+    normals : ndarray of floats, shape (N, 3)
+        Outward, of length one.
+    """
+
+    vertices: F64
+    faces: I64
+    normals: npt.NDArray[np.floating]
 
 
 class OccupancyGrid(NamedTuple):
@@ -41,6 +59,39 @@ class OccupancyGrid(NamedTuple):
     grid: Mask
     origin: F64
     spacing: float
+
+
+class NearestPoints(NamedTuple):
+    """Nearest points of a triangle mesh.
+
+    Attributes
+    ----------
+    distance : ndarray of float64, shape (N,)
+        Distance from the mesh, at least 0.
+    face : ndarray of int64, shape (N,)
+        Number of a face with the nearest point; -1 where there is none.
+    point : ndarray of float64, shape (N, 3)
+        The nearest point; NaN where there is none.
+    """
+
+    distance: F64
+    face: I64
+    point: F64
+
+
+class Nearest(NamedTuple):
+    """Nearest points of the surface: what `Model.nearest` returns. `...` stands for the shape of the points.
+
+    Attributes
+    ----------
+    distance : ndarray of float64, shape (...)
+        Distance in input units, at least 0.
+    point : ndarray of float64, shape (..., 3)
+        The nearest point, in input coordinates.
+    """
+
+    distance: F64
+    point: F64
 
 
 class RayHits(NamedTuple):

@@ -12,8 +12,7 @@ import pytest
 from analytic import ABOUT_Y_90, ABOUT_Z_45, slab, waves
 
 from cndhf_codec import load
-from cndhf_codec.decoder import model as model_module
-from cndhf_codec.decoder.dhf import cells
+from cndhf_codec.decoder.dhf import cells, representation
 from cndhf_codec.decoder.dhf.cells import SURELY_INSIDE, SURELY_OUTSIDE, CellGrid
 from cndhf_codec.decoder.dhf.field import implicit_gradient
 
@@ -50,9 +49,9 @@ def cloud(model, n=60_000):
     """Points in the model's box and around it, and some next to its surface, in input coordinates."""
     rng = np.random.default_rng(0)
     wide = rng.uniform(-1.2, 1.2, (n, 3))
-    lo, hi = CellGrid(model._solid.dhfs).box
+    lo, hi = CellGrid(model._shape.solid.dhfs).box
     inner = rng.uniform(lo, hi, (n, 3))
-    f, g = implicit_gradient(model._solid.dhfs, inner.astype(np.float32))
+    f, g = implicit_gradient(model._shape.solid.dhfs, inner.astype(np.float32))
     beside = inner - (f / np.maximum((g**2).sum(axis=1), 1e-6))[:, None] * g + rng.normal(0, 1e-3, (n, 3))
     return np.concatenate([wide, inner, beside]) * model.container.scale + model.container.centre
 
@@ -61,9 +60,9 @@ def cloud(model, n=60_000):
 def test_contains_is_the_sign_of_f(model):
     points = cloud(model)
     f = model.implicit(points) / model.container.scale
-    model._points_asked = model_module.POINTS_WORTH_CELLS
+    model._shape.points_asked = representation.POINTS_WORTH_CELLS
     inside = model.contains(points)
-    assert model._solid.has_cells
+    assert model._shape.solid.has_cells
     sure = np.abs(f) > 2e-6  # networks differ by that from one grouping of points to another
     assert np.array_equal(inside[sure], f[sure] >= 0)
     assert sure.mean() > 0.99
@@ -71,20 +70,20 @@ def test_contains_is_the_sign_of_f(model):
 
 def test_cells_decide_most_points():
     model = MODELS["two"]()
-    grid = CellGrid(model._solid.dhfs)
+    grid = CellGrid(model._shape.solid.dhfs)
     sure = (grid.states == SURELY_INSIDE) | (grid.states == SURELY_OUTSIDE)
     assert sure.mean() > 0.85
     assert (grid.states == SURELY_INSIDE).mean() > 0.1
 
 
 def test_heights_too_rough_to_bound_are_asked_of_the_network():
-    bounds = cells.PatchBounds(MODELS["rough"]()._solid.dhfs[0])
+    bounds = cells.PatchBounds(MODELS["rough"]()._shape.solid.dhfs[0])
     assert np.isinf(bounds.extrema.near_least).mean() > 0.001
-    assert np.isfinite(cells.PatchBounds(MODELS["two"]()._solid.dhfs[0]).extrema.near_least).all()
+    assert np.isfinite(cells.PatchBounds(MODELS["two"]()._shape.solid.dhfs[0]).extrema.near_least).all()
 
 
 def test_bounds_hold_between_nodes(model):
-    for dhf in model._solid.dhfs:
+    for dhf in model._shape.solid.dhfs:
         bounds = cells.PatchBounds(dhf)
         lo, hi = dhf.bounds[:2].T
         uv = np.random.default_rng(1).uniform(lo, hi, (200_000, 2)).astype(np.float32)
@@ -98,16 +97,16 @@ def test_small_questions_make_no_cells(golden):
     model = load(golden / "encoded.cndhf")
     points = cloud(model, 10)
     first = model.contains(points)
-    assert not model._solid.has_cells
-    for _ in range(model_module.POINTS_WORTH_CELLS // len(points)):
-        model._points_asked += len(points)  # as by asking so often
+    assert not model._shape.solid.has_cells
+    for _ in range(representation.POINTS_WORTH_CELLS // len(points)):
+        model._shape.points_asked += len(points)  # as by asking so often
     assert np.array_equal(model.contains(points), first)
-    assert model._solid.has_cells
+    assert model._shape.solid.has_cells
 
 
 def test_points_anywhere():
     model = MODELS["two"]()
-    model._points_asked = model_module.POINTS_WORTH_CELLS
+    model._shape.points_asked = representation.POINTS_WORTH_CELLS
     far = [
         [np.nan, 0, 0],
         [0, np.inf, 0],
@@ -127,7 +126,7 @@ def test_points_anywhere():
 
 def test_float32_points_of_a_far_solid_are_taken_as_they_are():
     model = analytic.model(waves(1), centre=(1e5, 0, 0), scale=1.0)
-    model._points_asked = model_module.POINTS_WORTH_CELLS
+    model._shape.points_asked = representation.POINTS_WORTH_CELLS
     points = np.random.default_rng(0).uniform(-1, 1, (20_000, 3)) + np.array([1e5, 0, 0])
     points = points.astype(np.float32)
     assert np.array_equal(model.contains(points), model.contains(points.astype(np.float64)))
@@ -149,7 +148,7 @@ def test_many_threads_make_the_cells_once(monkeypatch):
     origins, directions = points[:200], points[200:400] - points[:200]
     alone = MODELS["two"]().ray_intersect(origins, directions).distance
     made.clear()
-    model._points_asked = model_module.POINTS_WORTH_CELLS
+    model._shape.points_asked = representation.POINTS_WORTH_CELLS
 
     def ask(_):
         return model.contains(points), model.ray_intersect(origins, directions).distance, model.implicit(points[:500])
@@ -178,9 +177,9 @@ def test_a_copy_of_a_model_makes_its_own_cells(golden):
     import pickle
 
     model = load(golden / "encoded.cndhf")
-    model._solid.cells()
+    model._shape.solid.cells()
     for twin in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
-        assert not twin._solid.has_cells
+        assert not twin._shape.solid.has_cells
         assert twin.dumps() == model.dumps()
         assert twin.info == model.info
 

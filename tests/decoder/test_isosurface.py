@@ -130,15 +130,15 @@ def test_height_tables_are_made_once_for_surfaces_of_one_resolution(monkeypatch)
 def test_the_band_grows_with_the_surface():
     bricks = []
     for resolution in (64, 128, 256):
-        grid, tables = isosurface.make_grid(wavy()._solid.dhfs, resolution)
-        bricks.append(len(band.narrow_band(grid, wavy()._solid.dhfs, tables).values))
+        grid, tables = isosurface.make_grid(wavy()._shape.solid.dhfs, resolution)
+        bricks.append(len(band.narrow_band(grid, wavy()._shape.solid.dhfs, tables).values))
     assert bricks[1] < 5 * bricks[0]
     assert bricks[2] < 5 * bricks[1]
     assert bricks[2] * 64 < 0.15 * np.prod(grid.shape)
 
 
 def test_marching_cubes_agrees_with_scikit_image():
-    dhfs = wavy()._solid.dhfs
+    dhfs = wavy()._shape.solid.dhfs
     grid, tables = isosurface.make_grid(dhfs, 50)
     nodes = grid.origin + grid.spacing * np.stack(np.indices(grid.shape), axis=-1)
     points = nodes.reshape(-1, 3).astype(np.float32)

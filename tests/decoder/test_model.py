@@ -12,7 +12,7 @@ from analytic import ABOUT_X_180, ABOUT_Y_90, ABOUT_Z_45, slab
 from scipy.spatial.transform import Rotation
 
 from cndhf_codec import load, loads
-from cndhf_codec.decoder import model as model_module
+from cndhf_codec.decoder.dhf import representation
 from cndhf_codec.errors import InputError, LimitError, OptionError, OutputError, TruncatedError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
@@ -102,7 +102,7 @@ def test_shapes_of_points_are_kept(points):
 def test_points_in_several_chunks(monkeypatch, points):
     m = analytic.model(analytic.waves(4))
     whole = m.implicit(points)
-    monkeypatch.setattr(model_module, "POINTS_AT_ONCE", 1000)
+    monkeypatch.setattr(representation.DhfRepresentation, "points_at_once", 1000)
     np.testing.assert_allclose(m.implicit(points), whole, atol=1e-6)
 
 

@@ -31,7 +31,7 @@ def rail():
 
 
 def test_the_thickness_of_a_plate():
-    found = thickness(plate()._solid.dhfs)
+    found = thickness(plate()._shape.solid.dhfs)
     assert found is not None
     assert found.longest == pytest.approx(1, rel=0.02)
     assert (found.least, found.typical) == pytest.approx((THIN, THIN), rel=1e-3)
@@ -40,7 +40,7 @@ def test_the_thickness_of_a_plate():
 
 def test_ordinary_solids_are_not_thin(golden):
     for path in golden.glob("*.cndhf"):
-        found = thickness(load(path)._solid.dhfs)
+        found = thickness(load(path)._shape.solid.dhfs)
         assert found is None or found.resolution < 256
 
 
@@ -74,7 +74,7 @@ def test_a_grid_that_is_fine_enough_says_nothing():
 
 def test_the_error_of_an_intersection_follows_the_thickness():
     model = plate()
-    thin = model._solid.thinner_than_a_cell(256)
+    thin = model._shape.solid.thinner_than_a_cell(256)
     assert thin is not None
     assert np.isclose(thin.typical / 20, THIN / 20, rtol=1e-3)
     assert len(model.to_mesh().faces) == 12

@@ -37,8 +37,8 @@ class Weights(NamedTuple):
 class Topology:
     """Faces and edges of a mesh, and which edges are sharp.
 
-    n_vertices: vertices are numbered from 0. faces: (F, 3). edges: (E, 2), the smaller vertex first, in lexicographic
-    order. face_edges: (F, 3), the edges from a face's corner k to corner k + 1. sharp: (E,), boundary edges included.
+    n_vertices: vertices are numbered from 0. faces: (F, 3). edges: (E, 2), the smaller vertex first, in any order.
+    face_edges: (F, 3), the edges from a face's corner k to corner k + 1. sharp: (E,), boundary edges included.
     """
 
     n_vertices: int
@@ -85,6 +85,11 @@ def subdivide(mesh: Topology) -> Step:
     The four faces of face i have the numbers i, F + i, 2 F + i and 3 F + i: three at its corners, the last in its
     middle.
     """
+    return Step(step_weights(mesh), divided(mesh))
+
+
+def step_weights(mesh: Topology) -> Weights:
+    """The vertices after one step: the V old ones, moved, then one per edge."""
     n, edges, sharp = mesh.n_vertices, mesh.edges, mesh.sharp
     kinds = _kinds(mesh)
     # Old vertices: smooth by Loop's beta, creases 1/8 3/4 1/8, corners unchanged.
@@ -96,16 +101,45 @@ def subdivide(mesh: Topology) -> Step:
     ends = np.where(sharp, 1 / 2, 3 / 8)
     across = ~sharp[mesh.face_edges]
     corners = mesh.faces[:, [2, 0, 1]]
-    weights = Weights(
+    return Weights(
         np.concatenate([np.arange(n), ring.rows, at, at, n + mesh.face_edges[across]]),
         np.concatenate([np.arange(n), ring.columns, edges[:, 0], edges[:, 1], corners[across]]),
         np.concatenate([own, ring.weights, ends, ends, np.full(np.count_nonzero(across), 1 / 8)]),
         n + len(edges),
     )
-    (a, b, c), (ab, bc, ca) = mesh.faces.T, n + mesh.face_edges.T
-    faces = np.concatenate([np.column_stack(t) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
-    halves = np.concatenate([np.column_stack([edges[sharp, k], at[sharp]]) for k in range(2)])
-    return Step(weights, topology_of(faces, n + len(edges), halves))
+
+
+def divided(mesh: Topology) -> Topology:
+    """Faces and edges after one step.
+
+    Edges: the halves of the old ones at their first ends, those at their second ends, then three per face, near its
+    corners. So nothing has to be sorted, which would take longer than all the rest.
+    """
+    n, n_edges, n_faces = mesh.n_vertices, len(mesh.edges), len(mesh.faces)
+    at = n + np.arange(n_edges)
+    middle = n + mesh.face_edges
+    (a, b, c), (ab, bc, ca) = mesh.faces.T, middle.T
+    # (F, 3) the halves of the face's edges k at its corners k, and at its corners k + 1.
+    second = mesh.faces != mesh.edges[mesh.face_edges, 0]
+    here = mesh.face_edges + n_edges * second
+    there = mesh.face_edges + n_edges * ~second
+    near_a, near_b, near_c = (2 * n_edges + k * n_faces + np.arange(n_faces) for k in range(3))
+    faces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    face_edges = [
+        (here[:, 0], near_a, there[:, 2]),
+        (there[:, 0], here[:, 1], near_b),
+        (near_c, there[:, 1], here[:, 2]),
+        (near_b, near_c, near_a),
+    ]
+    inner = np.concatenate([middle[:, [2, 0]], middle[:, [0, 1]], middle[:, [1, 2]]])
+    edges = [np.column_stack([mesh.edges[:, k], at]) for k in range(2)] + [np.sort(inner, axis=1)]
+    return Topology(
+        n + n_edges,
+        np.concatenate([np.column_stack(t) for t in faces]),
+        np.concatenate(edges),
+        np.concatenate([np.column_stack(t) for t in face_edges]),
+        np.concatenate([mesh.sharp, mesh.sharp, np.zeros(3 * n_faces, dtype=bool)]),
+    )
 
 
 def limit_positions(mesh: Topology) -> Weights:

@@ -1,0 +1,248 @@
+"""The representation `surface`: the limit of a control mesh, as `Model` asks for it.
+
+Meshes have whole levels of subdivision, with all vertices on the limit surface. Queries are answered from such a mesh.
+"""
+
+from __future__ import annotations
+
+import threading
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from ...arguments import length, whole_in
+from ...arrays import F32, F64, I64, Mask
+from ...errors import OptionError, SheetError, SurfaceError
+from ...format import ControlMesh
+from ..limits import MIN_RESOLUTION, Limits
+from ..queries import TriangleQueries
+from ..representation import Detail
+from ..results import NearestPoints, OccupancyGrid, RayHits, ShadedMesh, TriangleMesh
+from .levels import MAX_LEVEL, Level, distance_from_limit, first_level, next_level, size_at
+from .normals import limit_normals, sectors_of
+from .subdivision import Topology, topology_of
+
+DEFAULT_MAX_ERROR = "0.02%"  # of the diagonal, as for an intersection: far less than what the smallest files lose
+# The most triangles of a mesh whose level was not asked for: 4 seconds and 250 MB of tables for queries. Only a file of
+# 16 kB has so many at a level that is not fine enough, and there they are small.
+DEFAULT_MAX_FACES = 2**19
+ON_SURFACE = 1e-9  # normalised units: nearer, the direction from the nearest point is rounding
+
+
+class SurfaceRepresentation:
+    """See `decoder.representation.Representation`."""
+
+    kind: Final = "surface"
+    points_at_once = 2**17
+
+    def __init__(self, control: ControlMesh, scale: float) -> None:
+        self._control = control
+        self._scale = scale
+        self._mesh: _QueriedMesh | None = None
+        self._lock = threading.Lock()
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Faces and edges of the control mesh."""
+        return topology_of(self._control.faces, len(self._control.positions), self._control.sharp)
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether every edge has two faces."""
+        return bool((np.bincount(self.topology.face_edges.ravel()) == 2).all())
+
+    @cached_property
+    def oriented(self) -> bool:
+        """Whether neighbouring faces agree in orientation."""
+        mesh = self.topology
+        directed = 2 * mesh.face_edges + (mesh.edges[mesh.face_edges, 0] != mesh.faces)
+        return bool(np.bincount(directed.ravel()).max() == 1)
+
+    def describe(self, size: int) -> dict[str, Any]:
+        return {
+            "vertices": len(self._control.positions),
+            "faces": len(self._control.faces),
+            "sharp_edges": len(self._control.sharp),
+            "components": _components(self._control.faces, len(self._control.positions)),
+            "closed": self.closed,
+            "bits_per_vertex": 8 * size / len(self._control.positions),
+        }
+
+    def prepare(self, n_points: int) -> None:
+        self._need_inside()
+
+    def contains(self, points: F64) -> Mask:
+        self._need_inside()
+        return self._queried().queries.contains(points)
+
+    def implicit(self, points: F64) -> F32:
+        with np.errstate(over="ignore"):
+            return self.distance(points).astype(np.float32)
+
+    def implicit_gradient(self, points: F64) -> tuple[F32, F32]:
+        self._need_inside()
+        mesh = self._queried()
+        near = mesh.queries.nearest(points)
+        inside = mesh.queries.contains(points)
+        sign = np.where(inside, 1.0, -1.0)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            slope = sign[:, None] * (points - near.point) / near.distance[:, None]
+            # On the surface the direction is that of the normal; where there is no nearest point, there is none.
+            close = near.distance <= ON_SURFACE
+            slope[close] = -mesh.normals_at(near.face[close], near.point[close])
+            slope[near.face < 0] = 0
+            return (sign * near.distance).astype(np.float32), slope.astype(np.float32)
+
+    def distance(self, points: F64) -> F64:
+        self._need_inside()
+        return self._queried().queries.distance(points)
+
+    def nearest(self, points: F64) -> NearestPoints:
+        return self._queried().queries.nearest(points)
+
+    def normals(self, points: F64) -> F32:
+        mesh = self._queried()
+        near = mesh.queries.nearest(points)
+        out = np.zeros((len(points), 3), dtype=np.float32)
+        found = np.flatnonzero(near.face >= 0)
+        out[found] = mesh.normals_at(near.face[found], near.point[found])
+        return out
+
+    def first_hits(self, origins: F64, directions: F64) -> RayHits:
+        return self._queried().queries.ray_intersect(origins, directions)
+
+    def mesh(self, detail: Detail, limits: Limits) -> TriangleMesh:
+        level = self._level(detail, limits)
+        return TriangleMesh(level.limit, level.topology.faces)
+
+    def shaded_mesh(self, detail: Detail, limits: Limits) -> ShadedMesh:
+        return _shaded(self._level(detail, limits))
+
+    def occupancy(self, resolution: int, limits: Limits) -> OccupancyGrid:
+        resolution = whole_in(resolution, "resolution", MIN_RESOLUTION, limits.resolution)
+        self._need_inside()
+        vertices = self._queried().vertices
+        lo, hi = vertices.min(axis=0), vertices.max(axis=0)
+        # Half a cell less, so that no node falls on planes that bound the solid.
+        spacing = float((hi - lo).max()) / (resolution - 0.5)
+        if not spacing > 0:
+            raise SurfaceError("the surface is a point; there is nothing to make a grid of")
+        shape = np.ceil((hi - lo) / spacing).astype(int) + 3
+        limits.count("nodes", int(np.prod(shape.astype(float))))
+        origin = (lo + hi) / 2 - (shape - 1) / 2 * spacing
+        nx, ny, nz = (int(n) for n in shape)
+        grid = np.zeros((nx, ny, nz), dtype=bool)
+        flat = grid.reshape(-1)
+        for first in range(0, flat.size, self.points_at_once):
+            at = np.unravel_index(np.arange(first, min(first + self.points_at_once, flat.size)), grid.shape)
+            flat[first : first + self.points_at_once] = self.contains(origin + spacing * np.column_stack(at))
+        return OccupancyGrid(grid, origin, spacing)
+
+    def _need_inside(self) -> None:
+        if not self.closed:
+            raise SheetError(
+                "the file holds a sheet, which has no inside: ask for nearest points, which have distances without a "
+                "sign, or encode it with --thicken"
+            )
+        if not self.oriented:
+            raise SheetError(
+                "the file holds a surface whose faces disagree in orientation, so it has no inside: ask for nearest "
+                "points, which have distances without a sign"
+            )
+
+    def _queried(self) -> _QueriedMesh:
+        with self._lock:  # the first thread makes it, others wait
+            if self._mesh is None:
+                self._mesh = _QueriedMesh(_shaded(self._fine_enough(DEFAULT_MAX_ERROR, Limits())))
+            return self._mesh
+
+    def _level(self, detail: Detail, limits: Limits) -> Level:
+        """The level of subdivision that was asked for. Raises OptionError or SurfaceError."""
+        if detail.resolution is not None or detail.method is not None:
+            raise OptionError(
+                "resolution and method belong to double height fields; this file holds a surface: give level, "
+                "max_error or faces"
+            )
+        given = [x for x in (detail.level, detail.max_error, detail.faces) if x is not None]
+        if len(given) > 1:
+            raise OptionError("give one of level, max_error and faces")
+        if detail.level is not None:
+            return self._at(whole_in(detail.level, "level", 0, MAX_LEVEL), limits)
+        if detail.faces is not None:
+            most, own = whole_in(detail.faces, "faces", 1), len(self._control.faces)
+            if own > most:
+                raise SurfaceError(f"the control mesh itself has {own} triangles: ask for {own} or more")
+            return self._at(max(k for k in range(MAX_LEVEL + 1) if own * 4**k <= most), limits)
+        return self._fine_enough(detail.max_error, limits)
+
+    def _at(self, number: int, limits: Limits) -> Level:
+        vertices, _ = size_at(self.topology, number)
+        if vertices > limits.vertices:
+            raise SurfaceError(
+                f"level {number} has {vertices} vertices; {limits.vertices} are allowed: ask for a lower level, or, "
+                "from Python, set model.limits = Limits(vertices=...) if you trust this file"
+            )
+        level = first_level(self.topology, self._control.vertices)
+        for _ in range(number):
+            level = next_level(level)
+        return level
+
+    def _fine_enough(self, max_error: float | str | None, limits: Limits) -> Level:
+        """The first level within an error, or by default the finest one below `DEFAULT_MAX_FACES`, if none is."""
+        level = self._at(0, limits)
+        diagonal = float(np.linalg.norm(np.ptp(level.limit, axis=0)))
+        tolerance = length(DEFAULT_MAX_ERROR if max_error is None else max_error, diagonal, self._scale)
+        while (error := distance_from_limit(level)) > tolerance:
+            vertices, faces = size_at(self.topology, level.number + 1)
+            if max_error is None and (level.number == MAX_LEVEL or faces > DEFAULT_MAX_FACES):
+                break
+            if level.number == MAX_LEVEL or vertices > limits.vertices:
+                raise SurfaceError(
+                    f"level {level.number}, the finest one that is allowed, is off by {error * self._scale:.3g}: raise "
+                    "max_error, or ask for a level"
+                )
+            level = next_level(level)
+        return level
+
+
+class _QueriedMesh:
+    """A mesh with the tables of its queries, and normals between its vertices."""
+
+    def __init__(self, shaded: ShadedMesh) -> None:
+        self.vertices, self._faces, self._normals = shaded
+        self.queries = TriangleQueries(self.vertices, self._faces)
+
+    def normals_at(self, faces: I64, points: F64) -> F64:
+        """(N, 3) unit normals at points of faces (N,), between those of the corners."""
+        a, b, c = self.vertices[self._faces[faces]].transpose(1, 0, 2)
+        whole = np.cross(b - a, c - a)
+        shares = [(np.cross(q - p, points - p) * whole).sum(axis=1) for p, q in ((b, c), (c, a), (a, b))]
+        corners = self._normals[self._faces[faces]]
+        total = (whole * whole).sum(axis=1)
+        # A triangle without area has the mean of its corners.
+        weights = np.where(total[:, None] > 0, np.column_stack(shares), 1.0)
+        normal = (corners * weights[..., None]).sum(axis=1)
+        size = np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
+
+
+def _shaded(level: Level) -> ShadedMesh:
+    """The mesh with a vertex per sector, which keeps creases sharp."""
+    sectors = sectors_of(level.topology)
+    normals = limit_normals(level.topology, level.vertices, level.limit, sectors)
+    return ShadedMesh(level.limit[sectors.vertices], sectors.corners, normals)
+
+
+def _components(faces: Any, n_vertices: int) -> int:
+    """How many parts of a mesh hang together: each vertex takes the least number around it, and what that one has."""
+    label = np.arange(n_vertices)
+    while True:
+        least = label.copy()
+        around = label[faces].min(axis=1)
+        for k in range(3):
+            np.minimum.at(least, faces[:, k], around)
+        least = least[least]
+        if np.array_equal(least, label):
+            return len(np.unique(label))
+        label = least
