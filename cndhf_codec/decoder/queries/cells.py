@@ -68,8 +68,6 @@ class CellGrid:
     """The cells around a closed mesh. May be used from several threads at once."""
 
     def __init__(self, vertices: F64, faces: I64) -> None:
-        self._faces = faces
-        self._triangles = CrossingTriangles(vertices, faces)
         lo, hi = vertices.min(axis=0), vertices.max(axis=0)
         span = float((hi - lo).max())
         self.edge = _edge(vertices[faces], span) if span > 0 else 1.0
@@ -77,6 +75,11 @@ class CellGrid:
         # box, which are common, do not lie on cells' faces, where twice as many cells meet them.
         self.shape = np.floor((hi - lo) / self.edge + 0.5).astype(np.int64) + 3
         self.origin = (lo + hi) / 2 - self.shape / 2 * self.edge
+        # Triangles in the order of cells: those of a cell, and of the next, are near each other in memory.
+        first = ((vertices[faces[:, 0]] - self.origin) / self.edge).astype(np.int64)
+        faces = faces[np.argsort(np.ravel_multi_index(tuple(first.T), tuple(self.shape)), kind="stable")]
+        self._faces = faces
+        self._triangles = CrossingTriangles(vertices, faces)
         # Corners (3, 3, M), by corner and coordinate, in cells. numpy is slow along axes as short as 3.
         corners = np.stack([((vertices[:, k] - self.origin[k]) / self.edge)[faces.T] for k in range(3)], axis=1)
         self._corners = corners.astype(np.float32)
