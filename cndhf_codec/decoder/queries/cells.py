@@ -19,8 +19,10 @@ from .crossings import AFTER, CrossingTriangles, Way
 from .ragged import entries, groups
 
 CELLS_PER_SIDE = 128  # along the longest side of the mesh
-# Cells that all triangles together may meet; a mesh of many large triangles gets larger cells.
-MOST_MEETINGS = 2**22
+# Large triangles may meet so many cells together, and each of the small ones some 8; else cells become larger. Bounds
+# the time and the memory that a mesh can ask for.
+MOST_MEETINGS = 2**21
+LEAST_PER_SIDE = 4
 PIECE_CELLS = 2.0  # triangles are cut into pieces with sides up to this before their cells are looked for
 # Cells' faces are this much farther out when triangles are looked for, in cells: more than float32 rounds positions by.
 MARGIN = 2.0**-10
@@ -323,8 +325,8 @@ def _edge(corners: F64, span: float) -> float:
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
     perimeter = np.linalg.norm(sides, axis=2).sum()
     n = CELLS_PER_SIDE
-    # A flat triangle meets about 3 cells per cell's face of its area, 2 per edge of its perimeter, and 8 at least.
-    while n > 8 and 3 * area * (n / span) ** 2 + 2 * perimeter * n / span + 8 * len(corners) > MOST_MEETINGS:
+    # A flat triangle meets about 3 cells per cell's face of its area, and 2 per edge of its perimeter.
+    while n > LEAST_PER_SIDE and 3 * area * (n / span) ** 2 + 2 * perimeter * n / span > MOST_MEETINGS:
         n //= 2
     return span / n
 
