@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -93,6 +94,17 @@ def test_pieces_and_threads_change_nothing(monkeypatch):
     monkeypatch.setattr(cells, "PAIRS_AT_ONCE", 100)
     monkeypatch.setattr(parallel, "processors", lambda: 4)
     np.testing.assert_array_equal(TriangleQueries(*mesh).contains(points), whole)
+
+
+def test_threads_that_ask_at_once_get_the_same_answers(monkeypatch):
+    monkeypatch.setattr(cells, "POINTS_WORTH_SLABS", 3000)  # reached while they ask
+    mesh = MESHES["hollow sphere"]()
+    points = points_around(mesh, 100)
+    expected = TriangleQueries(*mesh).distance(points)
+    queries = TriangleQueries(*mesh)
+    with ThreadPoolExecutor(6) as pool:
+        for found in pool.map(lambda _: queries.distance(points), range(12)):
+            np.testing.assert_array_equal(found, expected)
 
 
 def test_what_is_not_finite_or_far_away_is_outside():
