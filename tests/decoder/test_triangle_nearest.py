@@ -7,10 +7,11 @@ import tracemalloc
 import numpy as np
 import pytest
 import trimesh
-from triangle_meshes import MESHES, box, distances, points_around, rotated, sphere, winding_numbers
+from triangle_meshes import MESHES, Mesh, box, distances, points_around, rotated, sphere, winding_numbers
 
 from cndhf_codec.decoder import parallel
 from cndhf_codec.decoder.queries import TriangleQueries, tree, triangles
+from cndhf_codec.decoder.queries.single import Triangles
 
 ROUNDING = 1e-14  # for coordinates of about 1
 
@@ -49,6 +50,15 @@ def test_thin_triangles_lose_no_digits(name, rounding):
     weights = np.random.default_rng(0).dirichlet([1, 1, 1], len(mesh.faces))
     on = (mesh.vertices[mesh.faces] * weights[:, :, None]).sum(axis=1)
     assert TriangleQueries(*mesh).nearest(on).distance.max() < rounding
+
+
+def test_triangles_that_are_lines_but_for_rounding():
+    rng = np.random.default_rng(0)
+    a, b, p = rng.normal(size=(3, 3000, 3))
+    c = a + rng.uniform(-0.5, 1.5, (3000, 1)) * (b - a)
+    feet = Triangles(np.stack([a, b, c]).transpose(0, 2, 1)).feet(np.arange(3000), p.T)
+    ends = [distances(Mesh(np.stack(t), np.array([[0, 1, 2]])), q[None])[0] for *t, q in zip(a, b, c, p, strict=True)]
+    np.testing.assert_allclose(np.sqrt(feet.squared), ends, rtol=1e-12)
 
 
 def test_shapes_known_in_closed_form():
