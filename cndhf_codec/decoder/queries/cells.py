@@ -99,6 +99,13 @@ class CellGrid:
         self._points_asked = 0
         self._lock = threading.Lock()
 
+    def expect(self, points: int) -> None:
+        """Say that so many points will be asked for; enough of them, over all calls, are worth slabs."""
+        with self._lock:
+            self._points_asked += points
+            if self._slabs is None and self._points_asked >= POINTS_WORTH_SLABS:
+                self._slabs = self._find_slabs()
+
     def contains(self, points: F64) -> Mask:
         """Whether the winding number around points (N, 3) is positive, (N,)."""
         at, place = self._locate(points)
@@ -107,7 +114,7 @@ class CellGrid:
         unsure = np.flatnonzero(state == MET)
         cell = self._number.take(at.take(unsure))
         place = place.take(unsure, axis=1)
-        slabs = self._make_slabs(len(points))
+        slabs = self._slabs
         if slabs is not None:
             n = slabs.planes.take(cell, axis=0)
             along = np.zeros(len(cell), np.float32)
@@ -275,14 +282,6 @@ class CellGrid:
             change[first:last] = sums
         # Towards greater coordinates, a triangle that faces that way is left.
         return paths.winding.take(cells) + np.where(rises, change, -change).astype(np.int64)
-
-    def _make_slabs(self, points: int) -> Slabs | None:
-        if self._slabs is None:
-            with self._lock:
-                self._points_asked += points
-                if self._slabs is None and self._points_asked >= POINTS_WORTH_SLABS:
-                    self._slabs = self._find_slabs()
-        return self._slabs
 
     def _find_slabs(self) -> Slabs:
         met = self._met

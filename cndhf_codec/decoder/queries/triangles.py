@@ -70,6 +70,7 @@ class TriangleQueries:
         if not len(self._faces):
             return out
         cells = self._grid()
+        cells.expect(len(points))
 
         def work(first: int, last: int) -> None:
             out[first:last] = cells.contains(points[first:last].astype(np.float64, copy=False))
