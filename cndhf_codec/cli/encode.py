@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..decoder.model import Model
     from ..encoder.check import Check
     from ..encoder.report import Report
-    from ..encoder.settings import Preset
+    from ..encoder.settings import Preset, Representation
     from ..mesh.bodies import Bodies
 
 
@@ -34,6 +34,14 @@ if TYPE_CHECKING:
     type=click.Choice(["fast", "default", "best", "paper"]),
     default="default",
     help="How much work to spend; `paper` is the published method, for comparison.",
+)
+@click.option(
+    "--representation",
+    type=click.Choice(["dhf", "surface"]),
+    default="dhf",
+    show_default=True,
+    help="dhf: a solid as double height fields. surface: the surface as it is given, open or closed, with its inner "
+    "parts, as a subdivision surface; takes seconds.",
 )
 @click.option("--axes", type=int, help="Use at most this many double height fields.  [default: the preset's]")
 @click.option("--width", type=int, help="Neurons in each layer of the networks.  [default: the preset's]")
@@ -82,6 +90,7 @@ def command(
     only_check: bool,
     as_json: bool,
     preset: Preset,
+    representation: Representation,
     axes: int | None,
     width: int | None,
     target_size: str | None,
@@ -123,6 +132,7 @@ def command(
         model = encode(
             given,
             preset=preset,
+            representation=representation,
             axes=axes,
             width=width,
             target_size=target_size,
@@ -209,14 +219,19 @@ def _summary(target: Path, model: Model, report: Report) -> str:
     def error(value: float) -> str:
         return f"{value:.4g} ({100 * value / report.diagonal:.3f} %)"
 
-    return "\n".join(
-        [
-            f"{target}: {len(model.dumps())} bytes, {len(model.container.dhfs)} double height fields, "
-            f"{sum(report.seconds.values()):.0f} s",
-            "error in input units (and of the bounding box's diagonal): "
-            f"mean {error(d.mean)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
-            f"input: {_bodies(report.bodies)}; result: {_bodies(report.decoded)}",
-            f"surface seen by the chosen axes: {100 * report.covered:.1f} % "
-            f"(by any axis: {100 * report.visible:.1f} %)",
-        ]
-    )
+    mesh = model.container.surface
+    if mesh is None:
+        what = f"{len(model.container.dhfs)} double height fields"
+    else:
+        what = f"a surface of {len(mesh.positions)} control vertices"
+    lines = [
+        f"{target}: {len(model.dumps())} bytes, {what}, {sum(report.seconds.values()):.0f} s",
+        "error in input units (and of the bounding box's diagonal): "
+        f"mean {error(d.mean)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
+        f"input: {_bodies(report.bodies)}; result: {_bodies(report.decoded)}",
+    ]
+    if mesh is None:
+        lines.append(
+            f"surface seen by the chosen axes: {100 * report.covered:.1f} % (by any axis: {100 * report.visible:.1f} %)"
+        )
+    return "\n".join(lines)

@@ -6,28 +6,30 @@ import math
 import os
 import time
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .. import __version__
 from ..arguments import positive, whole_in
+from ..arrays import F64, I64
 from ..decoder.model import Model, loads
 from ..decoder.parallel import processors
 from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
-from ..format.constants import CODEC_RANS, CODEC_ZSTD, TABLE_ENTRY_SIZE
+from ..format.constants import CODEC_RANS, CODEC_ZSTD, CRC_SIZE, HEADER_SIZE, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
 from ..mesh.bodies import bodies_of_solid, bodies_of_surface
 from ..mesh.distances import surface_distances
-from ..mesh.lengths import parse_length
-from ..mesh.prepare import Prepared, prepare, solid_or_error
+from ..mesh.lengths import Length, parse_length
+from ..mesh.normalise import Normalisation
+from ..mesh.prepare import AsGiven, Prepared, as_given, prepare, solid_or_error
 from .deadline import Deadline
 from .progress import OnStep, Progress, silent
 from .report import Report, unseen
-from .settings import DhfSettings, Preset, Settings, settings_for
+from .settings import DhfSettings, PaperSettings, Preset, Representation, Settings, SurfaceSettings, settings_for
 from .size_search import smallest_file
 
 VERIFY_SHARE = 0.1  # of a time limit
@@ -38,6 +40,7 @@ def encode(
     source: Any,
     *,
     preset: Preset = "default",
+    representation: Representation = "dhf",
     axes: int | None = None,
     width: int | None = None,
     target_size: int | str | None = None,
@@ -60,6 +63,9 @@ def encode(
         (N, 3) coordinates, faces (M, 3) vertex numbers.
     preset : {"default", "fast", "best", "paper"}
         How much work to spend; "paper" is the published method, for comparison.
+    representation : {"dhf", "surface"}
+        "dhf": a solid as double height fields. "surface": the surface as it is given, open or closed, with its inner
+        parts, as a subdivision surface.
     axes : int, optional
         The most double height fields to use. By default the preset's.
     width : int, optional
@@ -118,41 +124,37 @@ def encode(
     >>> model.contains([[0, 0, 0.9], [0, 0, 1.1]])
     array([ True, False])
     """
-    settings = settings_for(preset, axes, width, target_size, steps)
+    settings = settings_for(preset, axes, width, target_size, steps, representation)
     limit = None if target_error is None else parse_length(target_error, unit, "target error")
-    if limit is not None and (target_size is not None or width is not None or not isinstance(settings, DhfSettings)):
+    if limit is not None and (target_size is not None or width is not None or isinstance(settings, PaperSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     seconds = math.inf if time_limit is None else positive(time_limit, "time limit", "seconds")
     threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
     # Fail before any work is done where a library is missing or a name cannot be stored.
-    for library in ("torch", "numba", "embreex", "igl", "trimesh", "threadpoolctl"):
+    for library in ("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"):
         require(library, "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
     # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
     metadata = Metadata(f"cndhf-codec {__version__}", 0.0, 0.0, 0.0, named)
     pack_metadata(metadata)
-    encoders = _Encoders()
+    make = _Surfaces() if isinstance(settings, SurfaceSettings) else _HeightFields()
 
     deadline = Deadline(seconds)
     report = Report()
     clock = _Clock(report, progress)
     clock("read", 1)
-    prepared = prepare(source, wall)
-    solid = solid_or_error(prepared)
-    report.faces, report.dropped_faces = len(prepared.given.faces), prepared.given.dropped
-    report.flipped, report.assumptions, report.diagonal = prepared.flipped, prepared.assumptions, prepared.diagonal
-    report.bodies = bodies_of_solid(solid, seed).scaled(prepared.norm.scale)
-    run = _Run(prepared, metadata, seed, threads, report, clock, encoders)
+    source_mesh = make.prepared(source, wall, report, seed)
+    run = _Run(make, source_mesh, metadata, seed, threads, report, clock)
 
-    if limit is None or not isinstance(settings, DhfSettings):
+    if limit is None:
         model = run.attempt(settings, deadline)
     else:
-        base = settings
 
         def attempt_size(size: int, more: int) -> tuple[Model, float]:
-            made = run.attempt(replace(base, target_size=size), deadline.part(1 / (more + 1)))
+            assert not isinstance(settings, PaperSettings)
+            made = run.attempt(replace(settings, target_size=size), deadline.part(1 / (more + 1)))
             return made, made.report.distances.mean
 
         model = smallest_file(attempt_size, limit.in_units(report.diagonal))
@@ -165,66 +167,130 @@ def check_seed(seed: object) -> int:
     return whole_in(seed, "seed", 0, LARGEST_SEED)
 
 
-class _Encoders:
-    """The encoders, imported when the first is made: torch and numba take seconds to load, before the clock runs."""
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """What is encoded. prepared: by `mesh.prepare`. reference: vertices and faces that the error is measured against,
+    in the normalised frame. norm: that frame."""
+
+    name: str
+    prepared: Prepared | AsGiven
+    reference: tuple[F64, I64]
+    norm: Normalisation
+
+
+class _Made(NamedTuple):
+    """A file without its errors, and what the report says of it."""
+
+    container: Container
+    covered: float
+    visible: float
+    unknown: float
+
+
+class _HeightFields:
+    """Solids as double height fields. Torch and numba, which take seconds to load, are loaded before the clock runs."""
 
     def __init__(self) -> None:
-        from threadpoolctl import threadpool_limits
-
+        require("torch", "encode")
         from .dhf.encode import encode_dhf
         from .paper.encode import encode_paper
 
-        self.threadpool_limits, self.dhf, self.paper = threadpool_limits, encode_dhf, encode_paper
+        self._dhf, self._paper = encode_dhf, encode_paper
+
+    def prepared(self, source: Any, wall: Length | None, report: Report, seed: int) -> _Source:
+        made = prepare(source, wall)
+        solid = solid_or_error(made)
+        _report_input(report, made)
+        report.bodies = bodies_of_solid(solid, seed).scaled(made.norm.scale)
+        return _Source(made.given.name, made, made.reference, made.norm)
+
+    def encode(self, source: _Source, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
+        assert isinstance(source.prepared, Prepared)
+        solid = source.prepared.solid
+        if isinstance(settings, DhfSettings):
+            codec = CODEC_RANS
+            metadata_bytes = len(pack_metadata(metadata)) + TABLE_ENTRY_SIZE
+            made = self._dhf(solid, settings, metadata_bytes, run.seed, run.threads, run.clock, deadline)
+        else:
+            assert isinstance(settings, PaperSettings)
+            codec = CODEC_ZSTD
+            made = self._paper(solid, settings, run.seed, run.threads, run.clock, deadline)
+        if not made.records:
+            raise MeshError(unseen(source.name))
+        container = Container(source.norm.centre, source.norm.scale, tuple(made.records), metadata, codec)
+        return _Made(container, made.covered, made.visible, made.unknown)
+
+
+class _Surfaces:
+    """Surfaces as they are given."""
+
+    def __init__(self) -> None:
+        from .surface.encode import encode_surface
+
+        self._surface = encode_surface
+
+    def prepared(self, source: Any, wall: Length | None, report: Report, seed: int) -> _Source:
+        made: Prepared | AsGiven
+        if wall is None:
+            made = as_given(source)
+        else:
+            made = prepare(source, wall)
+            solid_or_error(made)
+        _report_input(report, made)
+        vertices, faces = made.reference
+        report.bodies = bodies_of_surface(vertices, faces).scaled(made.norm.scale)
+        return _Source(made.given.name, made, made.reference, made.norm)
+
+    def encode(self, source: _Source, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
+        assert isinstance(settings, SurfaceSettings)
+        other = HEADER_SIZE + CRC_SIZE + 2 * TABLE_ENTRY_SIZE + len(pack_metadata(metadata))
+        mesh = self._surface(*source.reference, settings, other, run.seed, run.clock, deadline)
+        container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=mesh)
+        return _Made(container, 1.0, 1.0, 0.0)
+
+
+def _report_input(report: Report, made: Prepared | AsGiven) -> None:
+    report.faces, report.dropped_faces = len(made.given.faces), made.given.dropped
+    report.flipped, report.assumptions, report.diagonal = made.flipped, made.assumptions, made.diagonal
 
 
 class _Run:
-    """One solid, encoded once or several times."""
+    """One mesh, encoded once or several times."""
 
     def __init__(
         self,
-        prepared: Prepared,
+        make: _HeightFields | _Surfaces,
+        source: _Source,
         metadata: Metadata,
         seed: int,
         threads: int,
         report: Report,
         clock: _Clock,
-        encoders: _Encoders,
     ) -> None:
-        self._prepared, self._metadata = prepared, metadata
-        self._seed, self._threads = seed, threads
-        self._report, self._clock, self._encoders = report, clock, encoders
+        self._make, self._source, self._metadata, self._report = make, source, metadata, report
+        self.seed, self.threads, self.clock = seed, threads, clock
 
     def attempt(self, settings: Settings, deadline: Deadline) -> Model:
         """Encode with these settings. The model's report is that of this attempt."""
-        prepared, seed, report = self._prepared, self._seed, self._report
-        name, norm, solid = prepared.given.name, prepared.norm, prepared.solid
-        fit_deadline = deadline.part(1 - VERIFY_SHARE)
-        # One BLAS thread: the fits bring their own threads, and no sum may depend on how many there are.
-        with self._encoders.threadpool_limits(1, user_api="blas"):
-            if isinstance(settings, DhfSettings):
-                metadata_bytes = len(pack_metadata(self._metadata)) + TABLE_ENTRY_SIZE
-                codec = CODEC_RANS
-                made = self._encoders.dhf(
-                    solid, settings, metadata_bytes, seed, self._threads, self._clock, fit_deadline
-                )
-            else:
-                codec = CODEC_ZSTD
-                made = self._encoders.paper(solid, settings, seed, self._threads, self._clock, fit_deadline)
-        if not made.records:
-            raise MeshError(unseen(name))
+        from threadpoolctl import threadpool_limits
 
-        self._clock("verify", 1)
-        container = Container(norm.centre, norm.scale, tuple(made.records), self._metadata, codec)
+        source, norm = self._source, self._source.norm
+        # One BLAS thread: the fits bring their own threads, and no sum may depend on how many there are.
+        with threadpool_limits(1, user_api="blas"):
+            made = self._make.encode(source, settings, self._metadata, self, deadline.part(1 - VERIFY_SHARE))
+
+        self.clock("verify", 1)
         # Measure what a user would decode from the bytes on disk.
         try:
-            surface = loads(Model(container).dumps()).to_mesh(settings.verify_resolution)
+            decoded = loads(Model(made.container).dumps())
+            surface = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
         except SurfaceError as exc:
             raise EncodeError(
-                f"{name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
+                f"{source.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
                 "or more time"
             ) from exc
-        measured = surface_distances(*prepared.reference, norm.apply(surface.vertices), surface.faces, seed)
-        self._clock.close()
+        measured = surface_distances(*source.reference, norm.apply(surface.vertices), surface.faces, self.seed)
+        self.clock.close()
         distances = measured.scaled(norm.scale)
         metadata = replace(
             self._metadata,
@@ -232,9 +298,9 @@ class _Run:
             p99_error=_significant(distances.p99),
             max_error=_significant(distances.maximum),
         )
-        model = Model(replace(container, metadata=metadata))
+        model = Model(replace(made.container, metadata=metadata))
         model.report = replace(
-            report,
+            self._report,
             covered=made.covered,
             visible=made.visible,
             unknown=made.unknown,

@@ -11,15 +11,20 @@ from ..format.constants import MAX_DHFS, MAX_FILE_SIZE, MAX_WIDTH
 from ..mesh.lengths import parse_size
 from .dhf.settings import BEST, DEFAULT, FAST, DhfSettings
 from .paper.settings import PAPER, PaperSettings
+from .surface import settings as surface
+from .surface.settings import SurfaceSettings
 
 Preset = Literal["fast", "default", "best", "paper"]
-Settings = DhfSettings | PaperSettings
+Representation = Literal["dhf", "surface"]
+Settings = DhfSettings | PaperSettings | SurfaceSettings
 
 LEAST_SIZE = 400  # bytes; below this the header is most of the file
 LEAST_WIDTH = 4
 
 # Evidence for these constants: ADR 022.
-PRESETS: dict[str, Settings] = {"paper": PAPER, "fast": FAST, "default": DEFAULT, "best": BEST}
+PRESETS: dict[str, DhfSettings | PaperSettings] = {"paper": PAPER, "fast": FAST, "default": DEFAULT, "best": BEST}
+SURFACE_PRESETS = {"fast": surface.FAST, "default": surface.DEFAULT, "best": surface.BEST}
+REPRESENTATIONS = ("dhf", "surface")
 
 
 def settings_for(
@@ -28,6 +33,7 @@ def settings_for(
     width: int | None = None,
     target_size: int | str | None = None,
     steps: int | None = None,
+    representation: str = "dhf",
 ) -> Settings:
     """Return a preset's settings, with the number of axes, the width or the file's size, and the steps changed where
     given.
@@ -36,6 +42,10 @@ def settings_for(
     """
     if not isinstance(preset, str) or preset not in PRESETS:
         raise OptionError(f"preset is {preset!r}; there are {', '.join(PRESETS)}")
+    if representation not in REPRESENTATIONS:
+        raise OptionError(f"representation is {representation!r}; there are {', '.join(REPRESENTATIONS)}")
+    if representation == "surface":
+        return _surface_settings(preset, target_size, {"axes": axes, "width": width, "steps": steps})
     settings = PRESETS[preset]
     if axes is not None:
         settings = replace(settings, max_axes=whole_in(axes, "axes", 1, MAX_DHFS))
@@ -53,8 +63,22 @@ def settings_for(
     if target_size is not None:
         if not isinstance(settings, DhfSettings):
             raise OptionError(f"preset {preset!r} takes no target size; give a width")
-        size = parse_size(target_size)
-        if not LEAST_SIZE <= size <= MAX_FILE_SIZE:
-            raise OptionError(f"target size is {size} bytes; {LEAST_SIZE} to {MAX_FILE_SIZE} are allowed")
-        return replace(settings, width=None, target_size=size)
+        return replace(settings, width=None, target_size=_size(target_size))
     return settings
+
+
+def _surface_settings(preset: str, target_size: int | str | None, others: dict[str, int | None]) -> SurfaceSettings:
+    if preset not in SURFACE_PRESETS:
+        raise OptionError(f"preset {preset!r} makes height fields; with representation 'surface' take another")
+    for name, value in others.items():
+        if value is not None:
+            raise OptionError(f"{name} is given, which height fields have; leave it out with representation 'surface'")
+    settings = SURFACE_PRESETS[preset]
+    return settings if target_size is None else replace(settings, target_size=_size(target_size))
+
+
+def _size(target_size: int | str) -> int:
+    size = parse_size(target_size)
+    if not LEAST_SIZE <= size <= MAX_FILE_SIZE:
+        raise OptionError(f"target size is {size} bytes; {LEAST_SIZE} to {MAX_FILE_SIZE} are allowed")
+    return size

@@ -105,6 +105,38 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
     return Prepared(given, flipped, norm, solid, reference, extents, assumptions, refusal)
 
 
+@dataclass(frozen=True, eq=False)
+class AsGiven:
+    """A mesh made ready to be encoded as the surface that it is. Fields are those of `Prepared`."""
+
+    given: Mesh
+    flipped: float
+    norm: Normalisation
+    reference: tuple[F64, I64]
+    extents: F64
+    assumptions: list[str]
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box, in input units."""
+        return float(np.linalg.norm(self.extents))
+
+
+def as_given(source: Any) -> AsGiven:
+    """Read a source (see `read_mesh`) as a surface, which may be open.
+
+    Raises InputError, and MeshError for what is no mesh.
+    """
+    given = read_mesh(source)
+    assumptions = list(given.notes)
+    if given.dropped:
+        assumptions.append(f"{given.dropped} faces of zero area were left out")
+    mesh, outliers = without_outliers(given)
+    norm = normalisation(mesh)
+    reference = norm.apply(mesh.vertices), mesh.faces
+    return AsGiven(given, 0.0, norm, reference, np.ptp(mesh.vertices, axis=0), [*assumptions, *outliers])
+
+
 def solid_or_error(prepared: Prepared) -> Solid:
     """Return the solid. Raises MeshError where the mesh is refused."""
     if prepared.refusal is not None:

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from ...arrays import F64, I64
 from ...mesh.sampling import face_areas
 from .basis import Basis
-from .target import Surface, Target
+from .target import Target, Tree
 
 SAMPLES = 20_000  # points in each direction
 # Distances below this share of the mean weigh no more than those at it: the weight 1 / distance has no bound.
@@ -28,25 +28,29 @@ OBLIQUE = 0.7  # cosine below which a closest point lies on an edge of the surfa
 
 
 class Normal(NamedTuple):
-    """The linearised problem: matrix (3 V, 3 V) and right-hand side (3 V,), coordinates of a vertex together, and the
-    mean distance, CD in the normalised frame, at which it was set up."""
+    """The linearised problem: matrix (3 V, 3 V) and right-hand side (3 V,), coordinates of a vertex together; the mean
+    distance at which it was set up, CD in the normalised frame, and the median."""
 
     matrix: sp.bsr_matrix
     side: F64
     mean: float
+    median: float
 
 
 class Pairs(NamedTuple):
     """Points of the tessellation and what they should be near to.
 
     faces: (K,) of the tessellation. places: (K, 3) barycentric. normals: (K, 3) along which distances count. gaps: (K,)
-    signed distance to go. weights: (K,). mean: distance, of both directions.
+    signed distance to go. distances: (K,). shares: (K,) of each distance in the mean of both directions. weights: (K,).
+    mean: that mean.
     """
 
     faces: I64
     places: F64
     normals: F64
     gaps: F64
+    distances: F64
+    shares: F64
     weights: F64
     mean: float
 
@@ -87,7 +91,13 @@ def linearised(basis: Basis, target: Target, control: F64, even: bool = False) -
     side = np.column_stack([np.bincount(basis.support, sides[:, k], basis.n_vertices) for k in range(3)])
     n = 3 * basis.n_vertices
     matrix = sp.bsr_matrix((data.reshape(-1, 3, 3), basis.indices, basis.indptr), shape=(n, n))
-    return Normal(matrix, side.ravel(), pairs.mean)
+    return Normal(matrix, side.ravel().astype(np.float64), pairs.mean, float(np.median(pairs.distances)))
+
+
+def mean_errors(basis: Basis, target: Target, control: F64) -> F64:
+    """(F,) what each control face adds to the mean distance of both directions, which is their sum."""
+    pairs = _paired(basis, target, control, even=False)
+    return np.asarray(np.bincount(basis.owner[pairs.faces], pairs.distances * pairs.shares, basis.n_faces))
 
 
 def solved(matrix: sp.bsr_matrix, side: F64, damping: float) -> F64:
@@ -118,11 +128,12 @@ def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
     drawn = np.minimum(drawn, len(fine) - 1)
     mine = surface[fine[drawn]].mean(axis=1)
     there = target.closest(mine)
-    here = Surface(surface, fine).closest(target.samples)
+    here = Tree(surface, fine).closest(target.samples)
     mean = float(there.distances.mean() + here.distances.mean()) / 2
     distances = np.concatenate([there.distances, here.distances])
     counts = np.repeat([len(drawn), len(target.samples)], [len(drawn), len(target.samples)])
-    weights = 0.5 / counts / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
+    shares = 0.5 / counts
+    weights = shares / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
     normals = np.concatenate([target.face_normals[there.faces], target.normals])
     offsets = np.concatenate([there.points - mine, target.samples - here.points])
     gaps = np.sum(offsets * normals, axis=1)
@@ -131,7 +142,8 @@ def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
     normals[oblique] = offsets[oblique] / distances[oblique, None]
     gaps[oblique] = distances[oblique]
     places = np.concatenate([np.full((len(drawn), 3), 1 / 3), _barycentric(here.points, surface[fine[here.faces]])])
-    return Pairs(np.concatenate([drawn, here.faces]), places, normals, gaps, weights, mean)
+    faces = np.concatenate([drawn, here.faces])
+    return Pairs(faces, places, normals, gaps, distances, shares, weights, mean)
 
 
 def _barycentric(points: F64, corners: F64) -> F64:

@@ -9,6 +9,8 @@ neighbours, and only what none of them can mend remains: at a given error the gr
 
 from __future__ import annotations
 
+import math
+
 import numba as nb
 import numpy as np
 
@@ -20,19 +22,37 @@ from .target import Target
 DAMPING = 1e-3  # relative to the diagonal's mean: the form of a vertex that no sample sees is not definite
 
 
-def rounded(basis: Basis, target: Target, control: F64, step: float) -> I64:
-    """(V, 3) grid coordinates of control vertices (V, 3) of the grid's frame."""
-    matrix = linearised(basis, target, control, even=True).matrix
-    places = control.copy()
-    damping = DAMPING * matrix.diagonal().mean()
-    _round(matrix.indptr, matrix.indices, matrix.data, damping, step, places)
-    return np.rint(places / step).astype(np.int64)
+class Rounding:
+    """The rounding of one fit, to any step.
+
+    stiffness: u, where an error x of a coordinate adds u x^2 / 2 to the mean distance when all others make up for it;
+    geometric mean over coordinates, for distances that are spread as exp(-d / mean). mean: of the distances. median: of
+    the distances, over ln 2, which is the mean where they are so spread.
+    """
+
+    def __init__(self, basis: Basis, target: Target, control: F64) -> None:
+        normal = linearised(basis, target, control, even=True)
+        self._matrix, self._control = normal.matrix, control
+        self._damping = DAMPING * self._matrix.diagonal().mean()
+        self.stiffness = math.exp(self._run(control.copy(), 0.0))
+        self.mean, self.median = normal.mean, normal.median / math.log(2)
+
+    def to(self, step: float) -> I64:
+        """(V, 3) grid coordinates."""
+        places = self._control.copy()
+        self._run(places, step)
+        return np.rint(places / step).astype(np.int64)
+
+    def _run(self, places: F64, step: float) -> float:
+        m = self._matrix
+        return float(_round(m.indptr, m.indices, m.data, self._damping, step, places))
 
 
 @nb.njit(cache=True)
 def _round(indptr, indices, blocks, damping, step, places):
-    """Move places (V, 3) onto the grid, in their order."""
+    """Move places (V, 3) onto the grid, in their order; step 0: leave them. Returns the mean logarithm of stiffness."""
     n = len(places)
+    logs = 0.0
     gradient = np.zeros((n, 3))
     done = np.zeros(n, dtype=np.bool_)
     number = np.full(n, -1)
@@ -74,8 +94,14 @@ def _round(indptr, indices, blocks, damping, step, places):
             for j in range(k + 1, 3):
                 wish -= root[rest + j, i] * move[rest + j]
             wish /= root[i, i]
-            at = places[v, k] + wish
-            move[i] = np.rint(at / step) * step - places[v, k]
+            logs += 2 * np.log(root[i, i])
+            if step > 0:
+                move[i] = np.rint((places[v, k] + wish) / step) * step - places[v, k]
+        if step == 0:
+            for i in range(m):
+                number[free[i]] = -1
+            done[v] = True
+            continue
         # The free ones: form_rr x = -(slope_r + form_rv move_v).
         for i in range(rest):
             s = slope[i]
@@ -101,3 +127,4 @@ def _round(indptr, indices, blocks, damping, step, places):
                     for z in range(3):
                         gradient[indices[p], x] += blocks[p, z, x] * d[z]
         done[v] = True
+    return logs / (3 * n)

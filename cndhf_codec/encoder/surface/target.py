@@ -19,7 +19,7 @@ class Closest(NamedTuple):
     points: F64
 
 
-class Surface:
+class Tree:
     """A triangle mesh, ready for closest points."""
 
     def __init__(self, vertices: F64, faces: I64) -> None:
@@ -29,11 +29,12 @@ class Surface:
         self._tree.init(self.vertices, self.faces)
 
     def closest(self, points: F64) -> Closest:
+        """The closest point of the surface to each of points (N, 3)."""
         squared, faces, nearest = self._tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         return Closest(np.sqrt(squared), np.asarray(faces, dtype=np.int64).ravel(), nearest)
 
 
-class Target(Surface):
+class Target(Tree):
     """The input's surface in the normalised frame, with samples that are uniform by area.
 
     samples: (K, 3). normals: (K, 3) unit normals of the faces that they lie on. face_normals: (M, 3).

@@ -22,7 +22,7 @@ import numpy as np
 from ...errors import LimitError, OptionError, PayloadError
 from .manifold import Ints
 from .models import SignedModel
-from .range_coder import Coder
+from .range_coder import Coder, CostCounter
 
 MAX_POSITION = 2**18  # of each coordinate, either sign; residuals stay within `SignedModel`'s range
 EIGHTHS = 8  # the most that `eighths` may be: s = 1
@@ -65,6 +65,23 @@ def code_positions(coder: Coder, faces: Ints, eighths: int, positions: Ints | No
     return np.array(place.at, dtype=np.int32).reshape(-1, 3)
 
 
+def best_eighths(faces: Ints, positions: Ints) -> int:
+    """The s, in eighths, for which the residuals of a mesh's positions have fewest binary digits in all."""
+    walk = _Places(faces, CostCounter(), EIGHTHS, positions.tolist())
+    walk.all()
+    told = [(v, len(by), *corners) for v, by in enumerate(walk.foretold) for corners in by]
+    if not told:
+        return EIGHTHS
+    v, n, x, y, z = np.array(told).T
+    p = positions.astype(np.float64)
+    middle, across = (p[x] + p[y]) / 2 / n[:, None], p[z] / n[:, None]
+    g = np.column_stack([np.bincount(v, middle[:, k], len(p)) for k in range(3)])
+    d = g - np.column_stack([np.bincount(v, across[:, k], len(p)) for k in range(3)])
+    used = np.unique(v)
+    digits = [np.log2(1 + np.abs(p - g - e / EIGHTHS * d)[used]).sum() for e in range(EIGHTHS + 1)]
+    return int(np.argmin(digits))
+
+
 class _Places:
     """The vertices that are placed so far, and which come next."""
 
@@ -82,7 +99,8 @@ class _Places:
                 self._around[v].append(f)
                 self._sides.setdefault((x, y) if x < y else (y, x), []).append((f, v))
         self._missing = [3] * len(self._faces)  # corners of a face that are not placed
-        self._foretold: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
+        # Per vertex, the corners x, y, z of the faces that foretell it; as they were when it was placed.
+        self.foretold: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
         self._near: list[int] = [-1] * n  # a placed neighbour, of a vertex that no face foretells
         self._queues: list[deque[int]] = [deque() for _ in range(COUNTED + 1)]
         self._last = [0, 0, 0]
@@ -100,12 +118,12 @@ class _Places:
             while queue:
                 v = queue.popleft()
                 # A vertex stands in the queue of each count that it has had.
-                if self.at[v] is None and min(len(self._foretold[v]), COUNTED) == count:
+                if self.at[v] is None and min(len(self.foretold[v]), COUNTED) == count:
                     return v
         return None
 
     def _place(self, v: int) -> None:
-        foretold, at = self._foretold[v], self.at
+        foretold, at = self.foretold[v], self.at
         if foretold:
             model, n = self._predicted, 16 * len(foretold)
             guess = []
@@ -141,7 +159,7 @@ class _Places:
         """Let a placed face foretell the vertex across its edge (x, y)."""
         for f, w in self._sides[(x, y) if x < y else (y, x)]:
             if f != face and self.at[w] is None:
-                self._foretold[w].append((x, y, z))
-                count = len(self._foretold[w])
+                self.foretold[w].append((x, y, z))
+                count = len(self.foretold[w])
                 if count <= COUNTED:
                     self._queues[count].append(w)

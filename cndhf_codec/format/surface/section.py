@@ -12,13 +12,12 @@ from .. import constants as c
 from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
 from .marks import decode_marks, encode_marks
-from .positions import EIGHTHS, code_positions
+from .positions import EIGHTHS, best_eighths, code_positions
 from .range_coder import RangeDecoder, RangeEncoder
 
 HEAD_SIZE = 5  # flags, step
 ROTATED = 0x10  # flag: a quaternion follows the step
 UNTURNED = (0, 0, 0, c.QUATERNION_ONE)
-TRIED_EIGHTHS = (2, 3, 4, 5, 6, 8)  # 7 was never best by more than a byte
 LEAST_STEP, MOST_STEP = 2.0**-30, 1.0  # normalised units
 
 
@@ -29,22 +28,20 @@ def encode_surface(mesh: ControlMesh) -> bytes:
     OptionError for sharp edges that it does not have.
     """
     turned = tuple(mesh.quaternion) != UNTURNED
-    bodies = []
-    for eighths in TRIED_EIGHTHS:
-        encoder = RangeEncoder()
-        numbering = encode_connectivity(encoder, mesh.faces)
-        faces, positions, sharp = np.empty_like(mesh.faces), np.empty_like(mesh.positions), mesh.sharp
-        faces[numbering.faces] = numbering.vertices[mesh.faces]
-        positions[numbering.vertices] = mesh.positions
-        encode_marks(encoder, faces, numbering.vertices[sharp])
-        code_positions(encoder, faces, eighths, positions)
-        try:
-            head = struct.pack("<Bf", eighths | (ROTATED if turned else 0), mesh.step)
-            head += struct.pack("<4h", *mesh.quaternion) if turned else b""
-        except (struct.error, OverflowError) as exc:
-            raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
-        bodies.append(head + encoder.finish())
-    return min(bodies, key=len)
+    encoder = RangeEncoder()
+    numbering = encode_connectivity(encoder, mesh.faces)
+    faces, positions = np.empty_like(mesh.faces), np.empty_like(mesh.positions)
+    faces[numbering.faces] = numbering.vertices[mesh.faces]
+    positions[numbering.vertices] = mesh.positions
+    encode_marks(encoder, faces, numbering.vertices[mesh.sharp])
+    eighths = best_eighths(faces, positions)
+    code_positions(encoder, faces, eighths, positions)
+    try:
+        head = struct.pack("<Bf", eighths | (ROTATED if turned else 0), mesh.step)
+        head += struct.pack("<4h", *mesh.quaternion) if turned else b""
+    except (struct.error, OverflowError) as exc:
+        raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
+    return head + encoder.finish()
 
 
 def decode_surface(body: bytes) -> ControlMesh:

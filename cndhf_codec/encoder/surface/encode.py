@@ -1,0 +1,43 @@
+"""Encode a mesh as a subdivision surface, to a given size."""
+
+from __future__ import annotations
+
+from ...arrays import F64, I64
+from ...errors import EncodeError
+from ...format import ControlMesh
+from ..deadline import Deadline
+from ..progress import Stage
+from .cut import cut
+from .settings import SurfaceSettings
+from .target import Target
+from .to_size import surface_of_size
+
+LEAST_SECTION = 40  # bytes: a tetrahedron takes about so many
+
+
+def encode_surface(
+    vertices: F64,
+    faces: I64,
+    settings: SurfaceSettings,
+    other_bytes: int,
+    seed: int,
+    stage: Stage,
+    deadline: Deadline,
+) -> ControlMesh:
+    """Encode a mesh as it is given: with inner parts, all components, open where it is open.
+
+    vertices: (N, 3) normalised. faces: (M, 3), none of zero area. other_bytes: of the file, besides its section.
+    Raises EncodeError where no surface fits into so few bytes.
+    """
+    size = settings.target_size - other_bytes
+    if size < LEAST_SECTION:
+        raise EncodeError(f"{settings.target_size} bytes hold no surface; use a larger size")
+    stage("simplify", 1)
+    target = Target(vertices, faces, settings.samples, seed)
+    sized = surface_of_size(cut(vertices, faces), target, size, settings, stage, deadline)
+    if len(sized.body) > size:
+        raise EncodeError(
+            f"a surface of {settings.target_size} bytes was not reached: the smallest has "
+            f"{len(sized.body) + other_bytes}; use a larger size"
+        )
+    return sized.mesh

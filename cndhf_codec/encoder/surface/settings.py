@@ -1,0 +1,20 @@
+"""Settings of subdivision surfaces, and the presets of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """Everything that decides an encode, apart from the mesh and the seed."""
+
+    target_size: int = 4096  # bytes of the file
+    trial_rounds: int = 3  # of closest points, for each choice of sharp edges
+    rounds: int = 8  # more, for the best of them
+    samples: int = 40_000  # of the input's surface
+
+
+DEFAULT = SurfaceSettings(target_size=8192)
+FAST = replace(DEFAULT, target_size=4096, rounds=4, samples=20_000)
+BEST = replace(DEFAULT, rounds=16, samples=80_000)
