@@ -31,7 +31,8 @@ COARSEST = 8  # the least resolution
 @click.option(
     "--method",
     type=click.Choice(["marching-cubes", "intersection"]),
-    help="Of double height fields: how the surface is made; `intersection` keeps creases sharp and makes far fewer triangles.  "
+    help="Of double height fields: how the surface is made; `intersection` keeps creases sharp and makes far fewer "
+    "triangles.  "
     "[default: marching-cubes; intersection where walls are thinner than a cell and no --resolution is given]",
 )
 @click.option(

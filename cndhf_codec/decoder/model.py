@@ -517,11 +517,13 @@ class Model:
         Parameters
         ----------
         resolution : int, optional
-            Of double height fields. Cells along the longest side of the solid's box, 8 to 2048. When neither this nor `method` is given, it is
-            256, and a solid with walls thinner than a cell of that is made by intersection instead.
+            Of double height fields. Cells along the longest side of the solid's box, 8 to 2048. When neither this nor
+            `method` is given, it is 256, and a solid with walls thinner than a cell of that is made by intersection
+            instead.
         method : {"marching-cubes", "intersection"}, optional
-            Of double height fields. "intersection" triangulates each double height field and intersects the solids: creases stay sharp, and
-            there are far fewer triangles. Should that fail, the result is that of marching cubes, with a warning.
+            Of double height fields. "intersection" triangulates each of them and intersects the solids: creases stay
+            sharp, and there are far fewer triangles. Should that fail, the result is that of marching cubes, with a
+            warning.
         max_error : float or str, optional
             For "intersection" and surfaces: about the greatest distance from the exact surface, as a number of input
             units or as "0.1%" of the diagonal of the shape's bounding box. When neither this nor `faces` nor `level` is

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import F64, I64
-from ..decoder.model import load
+from ..decoder.model import Model, load
+from ..errors import SurfaceError
 from ..mesh.distances import Distances, surface_distances
 from ..mesh.read import read_mesh
 
@@ -72,12 +73,20 @@ def read_shape(path: str | os.PathLike[str], resolution: int | None = None) -> S
             vertices, faces = model.surface(MEASURED_RESOLUTION)
             vertices = vertices * model.container.scale + np.array(model.container.centre)
         else:
-            surface = model.to_mesh(resolution, max_error=MEASURED_ERROR if resolution is None else None)
+            surface = model.to_mesh(resolution) if resolution is not None else _fine_mesh(model)
             vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)
     else:
         mesh = read_mesh(path)
         vertices, faces, notes = mesh.vertices, mesh.faces, mesh.notes
     return Shape(vertices, faces, path.name, path.stat().st_size, notes)
+
+
+def _fine_mesh(model: Model) -> Any:
+    """The mesh of a subdivision surface, fine enough for measuring; the default one where no level is so fine."""
+    try:
+        return model.to_mesh(max_error=MEASURED_ERROR)
+    except SurfaceError:
+        return model.to_mesh()
 
 
 def compare(a: Shape, b: Shape, seed: int = 0) -> Comparison:
