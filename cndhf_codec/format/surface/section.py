@@ -11,6 +11,7 @@ from ...errors import FieldError, OptionError, SectionError
 from .. import constants as c
 from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
+from .manifold import Ints
 from .marks import decode_marks, encode_marks
 from .positions import EIGHTHS, best_eighths, code_positions
 from .range_coder import RangeDecoder, RangeEncoder
@@ -33,6 +34,7 @@ def encode_surface(mesh: ControlMesh) -> bytes:
     faces, positions = np.empty_like(mesh.faces), np.empty_like(mesh.positions)
     faces[numbering.faces] = numbering.vertices[mesh.faces]
     positions[numbering.vertices] = mesh.positions
+    faces = _least_first(faces)
     encode_marks(encoder, faces, numbering.vertices[mesh.sharp])
     eighths = best_eighths(faces, positions)
     code_positions(encoder, faces, eighths, positions)
@@ -64,11 +66,17 @@ def decode_surface(body: bytes) -> ControlMesh:
         at += 8
         check_quaternion(quaternion, "surface")
     decoder = RangeDecoder(body[at:])
-    faces = decode_connectivity(decoder, limits_for(len(body)))
+    faces = _least_first(decode_connectivity(decoder, limits_for(len(body))))
     sharp = decode_marks(decoder, faces)
     positions = code_positions(decoder, faces, eighths)
     decoder.finish()
     return ControlMesh(quaternion, step, positions, faces, sharp)
+
+
+def _least_first(faces: Ints) -> Ints:
+    """Turn each face so that its least vertex comes first: the encoder does not know how the decoder will find it."""
+    first = np.argmin(faces, axis=1)[:, None]
+    return np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
 
 
 def check_quaternion(quaternion: tuple[int, int, int, int], name: str) -> None:
