@@ -5,7 +5,8 @@ The vertices of a mesh lie on the limit surface; between them, its triangles are
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,25 +16,28 @@ from .subdivision import Topology, divided, limit_positions, step_weights
 MAX_LEVEL = 6  # 4096 triangles per face: beyond what a screen shows of a coarse control mesh
 
 
-class Level(NamedTuple):
-    """The control mesh after `number` steps: vertices (V, 3), and `limit` (V, 3), their points of the limit surface."""
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The control mesh after `number` steps, with its vertices (V, 3)."""
 
     number: int
     topology: Topology
     vertices: F64
-    limit: F64
 
+    @cached_property
+    def limit(self) -> F64:
+        """(V, 3) the points of the limit surface that belong to the vertices."""
+        return limit_positions(self.topology).apply(self.vertices)
 
-def first_level(topology: Topology, vertices: F64) -> Level:
-    """The control mesh itself."""
-    return Level(0, topology, vertices, limit_positions(topology).apply(vertices))
+    @cached_property
+    def following(self) -> F64:
+        """(V + E, 3) the vertices of the next level."""
+        return step_weights(self.topology).apply(self.vertices)
 
 
 def next_level(level: Level) -> Level:
     """One step more."""
-    topology = divided(level.topology)
-    vertices = step_weights(level.topology).apply(level.vertices)
-    return Level(level.number + 1, topology, vertices, limit_positions(topology).apply(vertices))
+    return Level(level.number + 1, divided(level.topology), level.following)
 
 
 def size_at(topology: Topology, level: int) -> tuple[int, int]:
@@ -72,11 +76,11 @@ def distance_from_limit(level: Level) -> float:
 def _limit_of_edges(level: Level) -> F64:
     """(E, 3) the limit points of the next level's vertices on the edges, each with six neighbours, or on a crease."""
     mesh = level.topology
-    after = step_weights(mesh).apply(level.vertices)
-    old, new = after[: mesh.n_vertices], after[mesh.n_vertices :]
+    old, new = level.following[: mesh.n_vertices], level.following[mesh.n_vertices :]
     ends = old[mesh.edges].sum(axis=1)
-    others = new[mesh.face_edges[:, [1, 2, 0]]] + new[mesh.face_edges[:, [2, 0, 1]]]
-    around = np.column_stack(
-        [np.bincount(mesh.face_edges.ravel(), others[..., k].ravel(), len(mesh.edges)) for k in range(3)]
-    )
+    around = np.empty_like(new)
+    for k, x in enumerate(new.T):
+        here = x[mesh.face_edges]
+        others = here.sum(axis=1, keepdims=True) - here
+        around[:, k] = np.bincount(mesh.face_edges.ravel(), others.ravel(), len(mesh.edges))
     return np.where(mesh.sharp[:, None], new * (2 / 3) + ends / 6, new / 2 + (ends + around) / 12)
