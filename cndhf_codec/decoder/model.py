@@ -352,7 +352,7 @@ class Model:
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
         >>> model.distance([[10, 5, 5], [20, 10, 10]]).round()
-        array([ 3., -2.])
+        array([ 2., -2.])
         """
         return self._in_pieces(points, self._shape.distance) * self.container.scale
 
