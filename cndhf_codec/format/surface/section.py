@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 
-from ...errors import FieldError, OptionError, SectionError
+from ...errors import FieldError, OptionError, PayloadError, SectionError
 from .. import constants as c
 from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
@@ -67,6 +67,8 @@ def decode_surface(body: bytes) -> ControlMesh:
         check_quaternion(quaternion, "surface")
     decoder = RangeDecoder(body[at:])
     faces = _least_first(decode_connectivity(decoder, limits_for(len(body))))
+    if not faces.size:
+        raise PayloadError("the surface section holds no faces; a surface has at least one")
     sharp = decode_marks(decoder, faces)
     positions = code_positions(decoder, faces, eighths)
     decoder.finish()
