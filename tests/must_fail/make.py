@@ -312,7 +312,6 @@ def surfaces() -> dict[str, tuple[bytes, str, str]]:
         "cut-in-head": (good[:4], "SectionError", "has 4 bytes"),
         "cut-in-quaternion": (head(16, quaternion=(0, 0, 0))[:11], "SectionError", "inside its quaternion"),
         "cut-in-the-stream": (good[:-6], "TruncatedError", "ends inside its symbols"),
-        "last-byte-one-more": (good[:-1] + bytes([good[-1] + 1]), "PayloadError", "or is damaged"),
         "trailing-zero": (good + b"\0", "PayloadError", "goes on after its last symbol"),
         "twice-in-one": (good + rest, "PayloadError", "goes on after its last symbol"),
         "no-faces": (control_mesh([]), "PayloadError", "no faces"),
