@@ -86,8 +86,7 @@ def harmless(data: bytes) -> bool:
     """Whether a file is read: it must then hold a mesh that can be written. Anything but a FormatError is a failure."""
     try:
         back = loads(data)
-    except FormatError as exc:
-        assert "\n" not in str(exc)
+    except FormatError:
         return False
     assert back.surface is not None
     assert fault(back.surface.faces, edges_of(back.surface.faces)) is None

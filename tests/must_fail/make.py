@@ -21,8 +21,20 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 import rawfile  # noqa: E402
-from rawfile import METADATA, RANGE, RANS, RECORDS, SURFACE, WEIGHTS  # noqa: E402
-from rawfile import build, build_surface, entry, frame, record, sections  # noqa: E402
+from rawfile import (  # noqa: E402
+    METADATA,
+    RANGE,
+    RANS,
+    RECORDS,
+    SURFACE,
+    WEIGHTS,
+    build,
+    build_surface,
+    entry,
+    frame,
+    record,
+    sections,
+)
 
 from cndhf_codec.format import ControlMesh, rans  # noqa: E402
 from cndhf_codec.format.surface import connectivity, positions  # noqa: E402
@@ -315,14 +327,20 @@ def surfaces() -> dict[str, tuple[bytes, str, str]]:
         "trailing-zero": (good + b"\0", "PayloadError", "goes on after its last symbol"),
         "twice-in-one": (good + rest, "PayloadError", "goes on after its last symbol"),
         "no-faces": (control_mesh([]), "PayloadError", "no faces"),
-        "faces-back-to-back": (control_mesh([(0, 1, 2), (0, 2, 1)]), "PayloadError", "not a two-manifold.*same vertices"),
+        "faces-back-to-back": (
+            control_mesh([(0, 1, 2), (0, 2, 1)]),
+            "PayloadError",
+            "not a two-manifold.*same vertices",
+        ),
         "position-beyond": (
             control_mesh([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)], 2**18 + 1),
             "PayloadError",
             "beyond 262144 grid units",
         ),
     }
-    out = {name: (build_surface([(SURFACE, RANGE, body)]), error, words) for name, (body, error, words) in bodies.items()}
+    out = {
+        name: (build_surface([(SURFACE, RANGE, body)]), error, words) for name, (body, error, words) in bodies.items()
+    }
     parts = sections()
     out |= {
         "n-dhfs-1": (build_surface([section], n_dhfs=1), "FieldError", "n_dhfs is 1"),
