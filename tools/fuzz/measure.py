@@ -1,7 +1,7 @@
 """Time and memory that reading a file takes: `python tools/fuzz/measure.py FILES...` prints the worst of each.
 
-Without the fuzzer's instrumentation, which makes Python several times slower. With `--surfaces`, the limits are those of
-files that hold one. With `--meshes`, FILES are inputs of `meshes.py`: a byte that chooses the kind, and a mesh.
+Without the fuzzer's instrumentation, which makes Python several times slower. With `--surfaces`, the limits are those
+of files that hold one. With `--meshes`, FILES are inputs of `meshes.py`: a byte that chooses the kind, and a mesh.
 """
 
 from __future__ import annotations
