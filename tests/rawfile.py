@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import zstandard
 
-RECORDS, WEIGHTS, METADATA = 0x01, 0x02, 0x81
-RAW, ZSTD, RANS = 0, 1, 2
+RECORDS, WEIGHTS, SURFACE, METADATA = 0x01, 0x02, 0x03, 0x81
+RAW, ZSTD, RANS, RANGE = 0, 1, 2, 3
 BOX = (-16384, 16384, -16384, 16384, -16384, 16384)
 SIZE = 18  # parameters of the smallest record below: width 2, one hidden layer
 
@@ -66,6 +66,11 @@ def build(
     data += b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in parts)
     data += b"".join(body for _, _, body in parts)
     return data + struct.pack("<I", zlib.crc32(data))
+
+
+def build_surface(parts: Sequence[Section], n_dhfs: int = 0) -> bytes:
+    """A file of the version that knows surfaces."""
+    return build(parts, version=(0, 2), n_dhfs=n_dhfs)
 
 
 def noise(n_dhfs: int = 1, width: int = 8, hidden: int = 2) -> bytes:

@@ -13,7 +13,8 @@ import pytest
 import zstandard
 
 from cndhf_codec import loads
-from cndhf_codec.format import Container, DhfRecord, Metadata, dumps, rans
+from cndhf_codec.format import Container, ControlMesh, DhfRecord, Metadata, dumps, rans
+from cndhf_codec.format.surface import connectivity, models, positions, range_coder, section
 
 SPEC = Path(__file__).parent.parent / "spec" / "cndhf.md"
 
@@ -25,7 +26,16 @@ def text() -> str:
 
 @pytest.fixture(scope="module")
 def printed(text: str) -> bytes:
-    block = text.split("```")[1]
+    return printed_bytes(text, 0)
+
+
+@pytest.fixture(scope="module")
+def printed_surface(text: str) -> bytes:
+    return printed_bytes(text, 1)
+
+
+def printed_bytes(text: str, example: int) -> bytes:
+    block = text.split("```")[2 * example + 1]
     # A row is hex pairs, two or more spaces, a note.
     return b"".join(bytes.fromhex(line.split("  ")[0]) for line in block.strip().splitlines())
 
@@ -90,6 +100,71 @@ def test_a_decoder_written_from_the_text_agrees(printed: bytes, heights: list[li
         x = math.sin(omega_hidden * (W1[0] * x + b1[0]))
         assert W2[0] * x + b2[0] == pytest.approx(near, abs=2e-6)
         assert W2[1] * x + b2[1] == pytest.approx(far, abs=2e-6)
+
+
+def example_section(text: str) -> str:
+    return text.split("### 7.2 Surface")[1].split("\n## ")[0]
+
+
+def test_the_writer_gives_the_printed_bytes_of_a_surface(printed_surface: bytes) -> None:
+    mesh = ControlMesh(
+        quaternion=(0, 0, 0, 32767),
+        step=2.0**-6,
+        positions=np.array([[0, 0, 64], [0, 60, -21], [52, -30, -21], [-52, -30, -21]], dtype=np.int32),
+        faces=np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]], dtype=np.int32),
+        sharp=np.array([[0, 1], [1, 2]], dtype=np.int32),
+    )
+    container = Container((10.0, 0.0, -2.5), 2.0, metadata=Metadata(encoder="spec"), surface=mesh)
+    assert dumps(container).hex(" ") == printed_surface.hex(" ")
+
+
+def test_the_reader_gives_the_printed_control_mesh(text: str, printed_surface: bytes) -> None:
+    mesh = loads(printed_surface).container.surface
+    assert mesh is not None
+    rows = re.findall(r"^\| \d \| ([-\d, ]+) \| \d \| ([\d, ]+) \|$", example_section(text), re.MULTILINE)
+    printed = [[[int(x) for x in cell.split(",")] for cell in column] for column in zip(*rows, strict=True)]
+    assert [mesh.positions.tolist(), mesh.faces.tolist()] == printed
+    sharp = re.findall(r"(\d)-(\d) and (\d)-(\d):", example_section(text))
+    assert mesh.sharp.ravel().tolist() == [int(v) for v in sharp[0]]
+
+
+def test_the_printed_bits_of_the_surface_are_read(
+    text: str, printed_surface: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[tuple[int, int, int]] = []
+
+    class Recorder(range_coder.RangeDecoder):
+        def bit(self, context: range_coder.Context, bit: int = 0) -> int:
+            before = self._range, context.zero
+            read.append((*before, super().bit(context)))
+            return read[-1][2]
+
+    monkeypatch.setattr(section, "RangeDecoder", Recorder)
+    loads(printed_surface)
+    rows = [row for row in example_section(text).splitlines() if row.count("|") == 9][2:]
+    cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in rows]
+    printed = [tuple(int(x) for x in row[k + 1 : k + 4]) for k in (0, 4) for row in cells]
+    assert len(printed) == 16
+    assert read[:16] == printed
+
+
+def test_the_printed_numbers_of_the_surface_are_the_code_s(text: str) -> None:
+    def listed(chances: tuple[int, ...]) -> str:
+        return ", ".join(str(x) for x in chances)
+
+    for sentence in (
+        f"closing of {listed(connectivity.PIVOT_CLOSES)} for each kind",
+        f"closing of {listed(connectivity.OTHER_CLOSES)} |",
+        f"as (65536 - 1024 c, {connectivity.PRIOR})",
+        f"min(count + 1, {range_coder.LIMIT})",
+        f"while d < {models.MAX_DIGITS} and",
+        f"learnt = min(d - 1, {models.LEARNT})",
+        f"more than {connectivity.MAX_STEPS} are",
+        f"at most {connectivity.MAX_VERTICES:,} vertices",
+        f"min({connectivity.MAX_FACES:,}, {connectivity.FREE_FACES:,} + {connectivity.MAX_FACES_A_BYTE} n) faces",
+        f"beyond {positions.MAX_POSITION:,} in either direction",
+    ):
+        assert sentence in text
 
 
 def test_the_printed_limits_are_the_code_s(text: str) -> None:

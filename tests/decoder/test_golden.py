@@ -23,7 +23,7 @@ def case(request, golden: Path) -> tuple[Path, dict]:
 
 
 def test_no_golden_file_was_added_or_lost(golden):
-    assert sorted(p.name for p in golden.glob("*.cndhf")) == sorted(NAMES)
+    assert sorted(p.name for p in golden.glob("*.cndhf")) == sorted([*NAMES, "surface.cndhf"])
     assert sorted(json.loads((golden / "expected.json").read_text("utf-8"))) == sorted(NAMES)
 
 
@@ -76,3 +76,16 @@ def test_writing_again_keeps_the_values(case):
     again = loads(model.dumps())
     assert np.array_equal(again.implicit(expected["points"]), model.implicit(expected["points"]))
     assert again.container.metadata == model.container.metadata
+
+
+def test_the_surface(golden):
+    expected = json.loads((golden / "surface.json").read_text("utf-8"))
+    data = (golden / "surface.cndhf").read_bytes()
+    assert hashlib.sha256(data).hexdigest() == expected["sha256"]
+    c = loads(data).container
+    assert [list(c.centre), c.scale] == [expected["centre"], expected["scale"]]
+    assert c.surface is not None
+    assert [list(c.surface.quaternion), c.surface.step] == [expected["quaternion"], expected["step"]]
+    assert c.surface.positions.tolist() == expected["positions"]
+    assert c.surface.faces.tolist() == expected["faces"]
+    assert c.surface.sharp.tolist() == expected["sharp"]

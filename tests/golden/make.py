@@ -5,6 +5,8 @@ The tests of every later version decode these files. To make one again would hid
 encoded.cndhf    a short encode of examples/bracket.ply with two axes and width 8
 by-hand.cndhf    wide symbols, an unknown optional section, every metadata entry, a far centre
 expected.json    SHA-256 and decoded values of both
+surface.cndhf    a ring and a closed part: two components, one open, a turned frame, sharp edges
+surface.json     SHA-256 of it, and the control mesh that it holds
 """
 
 from __future__ import annotations
@@ -21,10 +23,13 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
+import manifolds  # noqa: E402
 import rawfile  # noqa: E402
 
 from cndhf_codec import encode, loads  # noqa: E402
 from cndhf_codec.encoder import settings  # noqa: E402
+from cndhf_codec.format import Container, ControlMesh, Metadata, dumps  # noqa: E402
+from cndhf_codec.format.surface.manifold import edges_of  # noqa: E402
 
 
 def encoded() -> bytes:
@@ -88,8 +93,41 @@ def values(data: bytes) -> dict:
     }
 
 
+def surface() -> bytes:
+    faces = manifolds.together(manifolds.grid(4, 2, wrap=True), manifolds.sphere(6))
+    edges = edges_of(faces)
+    interior = edges.vertices[edges.n_faces == 2]
+    rng = np.random.default_rng(2024)
+    positions = rng.integers(-900, 900, (int(faces.max()) + 1, 3)).astype(np.int32)
+    mesh = ControlMesh((9000, -14000, 20000, 20000), 2.0**-10, positions, faces, interior[::3])
+    metadata = Metadata("by hand", 0.125, 0.5, 2.0, "Gerät.obj")
+    return dumps(Container((1e5, -2e5, 3.5), 40.0, metadata=metadata, surface=mesh))
+
+
+def control_mesh(data: bytes) -> dict:
+    c = loads(data).container
+    return {
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "centre": list(c.centre),
+        "scale": c.scale,
+        "quaternion": list(c.surface.quaternion),
+        "step": c.surface.step,
+        "positions": c.surface.positions.tolist(),
+        "faces": c.surface.faces.tolist(),
+        "sharp": c.surface.sharp.tolist(),
+    }
+
+
+def make_surface() -> None:
+    data = surface()
+    (HERE / "surface.cndhf").write_bytes(data)
+    (HERE / "surface.json").write_text(json.dumps(control_mesh(data)) + "\n", encoding="utf-8")
+
+
 if __name__ == "__main__":
-    if any(HERE.glob("*.cndhf")) or (HERE / "expected.json").exists():
+    if not (HERE / "surface.cndhf").exists():
+        make_surface()
+    if (HERE / "encoded.cndhf").exists() or (HERE / "expected.json").exists():
         sys.exit("the golden files exist; they are frozen")
     expected = {}
     for name, data in (("encoded.cndhf", encoded()), ("by-hand.cndhf", by_hand())):

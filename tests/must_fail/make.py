@@ -21,9 +21,24 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 import rawfile  # noqa: E402
-from rawfile import RANS, RECORDS, WEIGHTS, build, entry, frame, record, sections  # noqa: E402
+from rawfile import (  # noqa: E402
+    METADATA,
+    RANGE,
+    RANS,
+    RECORDS,
+    SURFACE,
+    WEIGHTS,
+    build,
+    build_surface,
+    entry,
+    frame,
+    record,
+    sections,
+)
 
-from cndhf_codec.format import rans  # noqa: E402
+from cndhf_codec.format import ControlMesh, rans  # noqa: E402
+from cndhf_codec.format.surface import connectivity, positions  # noqa: E402
+from cndhf_codec.format.surface.section import encode_surface  # noqa: E402
 
 SIZES = [4, 2, 4, 2, 4, 2]  # tensors of the smallest record
 TENSORS = [
@@ -88,7 +103,7 @@ def headers() -> dict[str, tuple[bytes, str, str]]:
         "n-sections-one-more": (build(n_sections=3), "TruncatedError", "announces"),
         "n-sections-one-less": (build(n_sections=1), "TrailingDataError", "announces"),
     }
-    for major, minor in ((1, 0), (255, 0), (0, 0), (0, 2), (0, 255)):
+    for major, minor in ((1, 0), (255, 0), (0, 0), (0, 3), (0, 255)):
         data = build(version=(major, minor))
         out[f"version-{major}-{minor}"] = (data, "VersionError", f"version {major}.{minor}")
     # A newer file may have another layout: the version has to be said before anything else is looked at.
@@ -270,6 +285,82 @@ def metadata() -> dict[str, tuple[bytes, str, str]]:
     return {f"metadata-{n}": (build(sections(metadata=b)), e, f"metadata.*{w}") for n, (b, e, w) in bodies.items()}
 
 
+def control_mesh(faces: list[tuple[int, int, int]], largest: int = 60) -> bytes:
+    """A surface section with these faces, whatever the encoder says of them."""
+    at = np.arange(3 * (1 + max((max(f) for f in faces), default=-1)), dtype=np.int32).reshape(-1, 3) % 7
+    at[-1:] = largest
+    sharp = np.zeros((0, 2), dtype=np.int32)
+    mesh = ControlMesh((0, 0, 0, 32767), 2.0**-6, at, np.array(faces, dtype=np.int32).reshape(-1, 3), sharp)
+    fault, most = connectivity.fault, positions.MAX_POSITION
+    connectivity.fault, positions.MAX_POSITION = lambda *_: None, 2 * most
+    try:
+        return encode_surface(mesh)
+    finally:
+        connectivity.fault, positions.MAX_POSITION = fault, most
+
+
+def surfaces() -> dict[str, tuple[bytes, str, str]]:
+    good = control_mesh([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)])
+    section, rest = (SURFACE, RANGE, good), good[5:]
+
+    def head(flags: int = 0, step: float = 2.0**-6, quaternion: tuple[int, ...] = ()) -> bytes:
+        return struct.pack("<Bf", flags, step) + struct.pack(f"<{len(quaternion)}h", *quaternion) + rest
+
+    bodies = {
+        "flags-bit-5": (head(0x20), "FieldError", "field flags is 32"),
+        "flags-bit-6": (head(0x40), "FieldError", "field flags is 64"),
+        "flags-bit-7": (head(0x80), "FieldError", "field flags is 128"),
+        "eighths-9": (head(9), "FieldError", "field eighths is 9"),
+        "eighths-15": (head(15), "FieldError", "field eighths is 15"),
+        "step-zero": (head(step=0.0), "FieldError", "field step is 0"),
+        "step-nan": (head(step=math.nan), "FieldError", "field step is nan"),
+        "step-inf": (head(step=math.inf), "FieldError", "field step is inf"),
+        "step-negative": (head(step=-(2.0**-6)), "FieldError", "field step is -0.01"),
+        "step-too-large": (head(step=1.0000001), "FieldError", "field step is 1.0"),
+        "step-too-small": (head(step=2.0**-31), "FieldError", "field step is 4.6"),
+        "quaternion-zero": (head(16, quaternion=(0, 0, 0, 0)), "FieldError", "quaternion has norm 0"),
+        "quaternion-long": (head(16, quaternion=(20000,) * 4), "FieldError", "quaternion has norm 40000"),
+        "empty": (b"", "SectionError", "has 0 bytes"),
+        "cut-in-head": (good[:4], "SectionError", "has 4 bytes"),
+        "cut-in-quaternion": (head(16, quaternion=(0, 0, 0))[:11], "SectionError", "inside its quaternion"),
+        "cut-in-the-stream": (good[:-6], "TruncatedError", "ends inside its symbols"),
+        "trailing-zero": (good + b"\0", "PayloadError", "goes on after its last symbol"),
+        "twice-in-one": (good + rest, "PayloadError", "goes on after its last symbol"),
+        "no-faces": (control_mesh([]), "PayloadError", "no faces"),
+        "faces-back-to-back": (
+            control_mesh([(0, 1, 2), (0, 2, 1)]),
+            "PayloadError",
+            "not a two-manifold.*same vertices",
+        ),
+        "position-beyond": (
+            control_mesh([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)], 2**18 + 1),
+            "PayloadError",
+            "beyond 262144 grid units",
+        ),
+    }
+    out = {
+        name: (build_surface([(SURFACE, RANGE, body)]), error, words) for name, (body, error, words) in bodies.items()
+    }
+    parts = sections()
+    out |= {
+        "n-dhfs-1": (build_surface([section], n_dhfs=1), "FieldError", "n_dhfs is 1"),
+        "in-version-0-1": (build([section]), "SectionError", "kind 3 is"),
+        "and-records": (build_surface([section, parts[0]]), "SectionError", "a surface and double height fields"),
+        "and-all-of-dhfs": (build_surface([*parts, section], n_dhfs=1), "SectionError", "a surface and double height"),
+        "missing": (build_surface([(METADATA, 0, entry(1, b"me"))]), "LimitError", "n_dhfs is 0"),
+        "missing-of-one-dhf": (
+            build_surface([(METADATA, 0, entry(1, b"me"))], n_dhfs=1),
+            "SectionError",
+            "records section is missing",
+        ),
+        "codec-0": (build_surface([(SURFACE, 0, good)]), "SectionError", "surface section has codec 0"),
+        "codec-2": (build_surface([(SURFACE, 2, good)]), "SectionError", "surface section has codec 2"),
+        "twice": (build_surface([section, section]), "SectionError", "surface section appears 2 times"),
+        "mandatory-04": (build_surface([section, (4, 0, b"hello")]), "SectionError", "kind 4 is"),
+    }
+    return {f"surface-{name}": row for name, row in out.items()}
+
+
 def must_load() -> dict[str, tuple[bytes, str]]:
     rec, zstd, meta = sections(metadata=entry(3, b"a.obj"))
     extra = (0xFE, 9, b"something of a later version")
@@ -310,6 +401,6 @@ def write(folder: Path, rows: dict[str, tuple]) -> None:
 
 
 if __name__ == "__main__":
-    groups = (headers(), records(), section_tables(), zstd_weights(), rans_weights(), metadata())
+    groups = (headers(), records(), section_tables(), zstd_weights(), rans_weights(), surfaces(), metadata())
     write(HERE, {name: row for group in groups for name, row in group.items()})
     write(HERE.parent / "must_load", must_load())

@@ -1,7 +1,7 @@
 """Time and memory that reading a file takes: `python tools/fuzz/measure.py FILES...` prints the worst of each.
 
-Without the fuzzer's instrumentation, which makes Python several times slower. With `--meshes`, FILES are inputs of
-`meshes.py`: a byte that chooses the kind, and a mesh file.
+Without the fuzzer's instrumentation, which makes Python several times slower. With `--surfaces`, the limits are those
+of files that hold one. With `--meshes`, FILES are inputs of `meshes.py`: a byte that chooses the kind, and a mesh.
 """
 
 from __future__ import annotations
@@ -49,7 +49,15 @@ class Subject:
     most_bytes: int
 
 
-SUBJECTS = {s.name: s for s in (Subject("cndhf", attempt, 0.1, 2**26), Subject("meshes", attempt_mesh, 1.0, 2**28))}
+SUBJECTS = {
+    s.name: s
+    for s in (
+        Subject("cndhf", attempt, 0.1, 2**26),
+        # Up to 2^18 faces, each read in pure Python.
+        Subject("surfaces", attempt, 5.0, 2**28),
+        Subject("meshes", attempt_mesh, 1.0, 2**28),
+    )
+}
 
 
 def seconds(data: bytes, attempt: Callable[[bytes], bool], tries: int = 3) -> float:
@@ -91,7 +99,7 @@ def peak(data: bytes, attempt: Callable[[bytes], bool]) -> int:
 
 def main() -> None:
     names = [name for name in sys.argv[1:] if not name.startswith("--")]
-    subject = SUBJECTS["meshes" if "--meshes" in sys.argv else "cndhf"]
+    subject = next((s for s in SUBJECTS.values() if f"--{s.name}" in sys.argv), SUBJECTS["cndhf"])
     rows = []
     for name in names:
         path = Path(name)

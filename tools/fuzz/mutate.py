@@ -214,6 +214,21 @@ def weights_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Seque
         section[2] = bytes(body)
 
 
+def surface_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
+    """Damage in the head of a surface section, or in its stream."""
+    section = parts.section(3)
+    if section is None or len(section[2]) < 6:
+        return
+    body, start = section[2], 13 if section[2][0] & 16 else 5
+    if rng.random() < 0.3:
+        flags, step = rng.choice((*range(10), 16, 24, 32)), rng.choice((2.0**-30, 2.0**-6, 1.0, math.nan))
+        turn = rng.choice(((0, 0, 0, 32767), (16384, 16384, -16384, 16384), (0, 0, 0, 1)))
+        head = struct.pack("<Bf", flags, step) + (struct.pack("<4h", *turn) if flags & 16 else b"")
+        section[2] = head + body[start:]
+    else:
+        section[2] = body[:start] + blind(body[start:], 4096)
+
+
 def metadata(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
     section = parts.section(0x81)
     if section is None:
@@ -228,7 +243,7 @@ def metadata(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[by
 
 MUTATIONS = (
     header, table, section_bytes, exchange, record_field, record_field, fresh_records, fitting_weights, weights_inside,
-    weights_inside, metadata,
+    weights_inside, surface_inside, surface_inside, metadata,
 )  # fmt: skip
 
 

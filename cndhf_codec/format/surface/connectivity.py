@@ -475,15 +475,19 @@ class _Walk:
         self._queues[min(self._degree[self._vertex[node]], LEVELS - 1)].append(node)
 
     def _pop(self) -> int:
-        """The next pivot, or -1."""
-        for level in range(LEVELS - 1, -1, -1):
-            queue = self._queues[level]
-            while queue:
-                node = queue.popleft()
-                if self._alive[node]:
-                    if min(self._degree[self._vertex[node]], LEVELS - 1) == level:
-                        return node
-                    self._push(node)
+        """The next pivot, or -1.
+
+        A node whose vertex has got faces since it was queued goes to a higher queue; hence the second look at these.
+        """
+        while any(self._queues):
+            for level in range(LEVELS - 1, -1, -1):
+                queue = self._queues[level]
+                while queue:
+                    node = queue.popleft()
+                    if self._alive[node]:
+                        if min(self._degree[self._vertex[node]], LEVELS - 1) == level:
+                            return node
+                        self._push(node)
         return -1
 
 

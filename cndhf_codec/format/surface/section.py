@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 
-from ...errors import FieldError, OptionError, SectionError
+from ...errors import FieldError, OptionError, PayloadError, SectionError
 from .. import constants as c
 from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
@@ -26,8 +26,9 @@ def encode_surface(mesh: ControlMesh) -> bytes:
     """The body of the section. Vertices and faces come back in another order (see `encode_connectivity`).
 
     Raises MeshError where the mesh is not a two-manifold, LimitError where it or a position is too large, and
-    OptionError for sharp edges that it does not have.
+    OptionError for sharp edges or vertices that it does not have.
     """
+    _check_numbers(mesh)
     turned = tuple(mesh.quaternion) != UNTURNED
     encoder = RangeEncoder()
     numbering = encode_connectivity(encoder, mesh.faces)
@@ -67,10 +68,22 @@ def decode_surface(body: bytes) -> ControlMesh:
         check_quaternion(quaternion, "surface")
     decoder = RangeDecoder(body[at:])
     faces = _least_first(decode_connectivity(decoder, limits_for(len(body))))
+    if not faces.size:
+        raise PayloadError("the surface section holds no faces; a surface has at least one")
     sharp = decode_marks(decoder, faces)
     positions = code_positions(decoder, faces, eighths)
     decoder.finish()
     return ControlMesh(quaternion, step, positions, faces, sharp)
+
+
+def _check_numbers(mesh: ControlMesh) -> None:
+    """Raise OptionError where faces or sharp edges name vertices without a position, or none names the last."""
+    n = len(mesh.positions)
+    for name, numbers in (("faces", mesh.faces), ("sharp", mesh.sharp)):
+        if numbers.min(initial=0) < 0 or numbers.max(initial=-1) >= n:
+            raise OptionError(f"field {name} of the control mesh names a vertex that is not one of its {n} positions")
+    if n > 1 + mesh.faces.max(initial=-1):
+        raise OptionError(f"vertex {n - 1} of the control mesh has no faces; leave it out")
 
 
 def _least_first(faces: Ints) -> Ints:
