@@ -97,7 +97,7 @@ def test_two_fans_at_a_vertex_come_apart():
 def test_three_sheets_that_meet_in_a_line():
     # A T: the stem is cut off, or one half of the bar; no face goes.
     line = np.column_stack([np.zeros(5), np.zeros(5), np.arange(5.0)])
-    vertices = np.concatenate([line, line + (1, 0, 0), line - (1, 0, 0), line + (0, 1, 0)])
+    vertices = np.concatenate([line + np.array(far) for far in ((0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0))])
     strips = []
     for k in (1, 2, 3):
         i = np.arange(4)
@@ -150,7 +150,7 @@ def test_random_faces_on_few_vertices(seed):
     distinct = np.unique(np.sort(faces, axis=1), axis=0)
     out = checked(vertices, faces)
     # The repair leaves out copies, and some faces that are given in both orientations.
-    assert 0 <= len(distinct) - len(out.faces)
+    assert len(out.faces) <= len(distinct)
     known = {tuple(c) for c in corners(vertices, distinct)}
     assert {tuple(c) for c in corners(*out)} <= known
 

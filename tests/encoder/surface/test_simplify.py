@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from control_meshes import square
 from shapes import lumps
 
 from cndhf_codec.encoder.surface.simplify import Simplified, Simplifier
@@ -13,14 +14,6 @@ from cndhf_codec.mesh.distances import surface_distances
 
 def simplified(mesh: trimesh.Trimesh, n_faces: int) -> Simplified:
     return Simplifier(np.array(mesh.vertices), np.array(mesh.faces)).to(n_faces)
-
-
-def sheet(n: int) -> trimesh.Trimesh:
-    """A square of side 1 in the plane z = 0."""
-    x, y = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, n + 1)] * 2, indexing="ij"))
-    i = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    faces = np.concatenate([np.stack([i, i + n + 1, i + 1], 1), np.stack([i + 1, i + n + 1, i + n + 2], 1)])
-    return trimesh.Trimesh(np.stack([x, y, 0 * x], 1), faces, process=False)
 
 
 @pytest.mark.parametrize("n", [639, 501, 100, 20])
@@ -38,7 +31,7 @@ def test_no_face_has_a_vertex_twice():
 
 
 def test_a_plane_keeps_its_outline():
-    out = simplified(sheet(12), 2)
+    out = simplified(square(12), 2)
     assert len(out.faces) == 2
     flat = trimesh.Trimesh(*out, process=False)
     assert flat.area == pytest.approx(1, abs=1e-5)
@@ -77,7 +70,7 @@ def test_a_speck_vanishes_before_a_large_part_collapses():
 
 
 def test_a_sheet_vanishes_too():
-    large, speck = trimesh.creation.icosphere(3), sheet(4)
+    large, speck = trimesh.creation.icosphere(3), square(4)
     speck.apply_scale(0.01)
     speck.apply_translation((3, 0, 0))
     out = trimesh.Trimesh(*simplified(trimesh.util.concatenate([speck, large]), 100), process=False)
