@@ -36,6 +36,7 @@ CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 TRIES = 3  # with other numbers of vertices
 STEP_TRIES = 4  # with other steps, for one number of vertices
+LAST_STEP_TRIES = 12  # where it may be any: flat surfaces save less than a bit per coordinate and halving
 MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
 FINE_FACES = 40_000  # the tessellation has about so many faces: as many as there are samples
 
@@ -97,7 +98,7 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
     stiffness = rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
     step, best = ideal, None
-    for _ in range(STEP_TRIES):
+    for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
         step = float(np.float32(min(max(step, 2.0**-17), 0.1)))
         control = ControlMesh(
             UNTURNED,
