@@ -7,6 +7,7 @@ fit sums its normal equations face by face, in small dense blocks, which are the
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +66,7 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     ptr, support = touched.indptr.astype(np.int64), touched.indices.astype(np.int64)
     counts = np.diff(ptr)
     row = np.repeat(support, np.repeat(counts, counts))
-    column = np.concatenate([np.tile(support[a:b], b - a) for a, b in zip(ptr[:-1], ptr[1:], strict=True)])
+    column = np.concatenate([np.tile(support[a:b], b - a) for a, b in itertools.pairwise(ptr)])
     keys, slots = np.unique(row * n_vertices + column, return_inverse=True)
     indptr = np.concatenate([[0], np.cumsum(np.bincount(keys // n_vertices, minlength=n_vertices))])
     return Basis(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import F64, I64
+from ...arrays import F64, I64, Mask
 from ...mesh.connectivity import connected
 from ...mesh.repair import repair
 from ...mesh.sampling import face_areas
@@ -52,7 +52,7 @@ def cut(vertices: F64, faces: I64) -> Manifold:
     return Manifold(out, new)
 
 
-def _pairs(vertices: F64, faces: I64, keys: I64, apart: np.ndarray) -> I64:
+def _pairs(vertices: F64, faces: I64, keys: I64, apart: Mask) -> I64:
     """(P, 2) half edges across which the surface goes on."""
     halves = np.flatnonzero(~apart)
     halves = halves[np.argsort(keys[halves], kind="stable")]

@@ -13,7 +13,7 @@ import numba as nb
 import numpy as np
 import scipy.sparse as sp
 
-from ...arrays import F64, I64
+from ...arrays import F64, I32, I64
 from ...mesh.sampling import face_areas
 from .basis import Basis
 from .target import Target, Tree
@@ -161,8 +161,8 @@ def _barycentric(points: F64, corners: F64) -> F64:
 class _Rows(NamedTuple):
     """A sparse matrix by rows."""
 
-    indptr: np.ndarray
-    indices: np.ndarray
+    indptr: I32
+    indices: I32
     data: F64
 
 
@@ -179,7 +179,9 @@ class _Samples(NamedTuple):
 
 
 @nb.njit(cache=True, parallel=True)
-def _add_up(rows, fine, ptr, support, start, samples, blocks, sides):
+def _add_up(
+    rows: _Rows, fine: I64, ptr: I64, support: I64, start: I64, samples: _Samples, blocks: F64, sides: F64
+) -> None:
     """Sum, for each control face, the products of its samples' rows into dense blocks of its support."""
     for f in nb.prange(len(ptr) - 1):
         m = ptr[f + 1] - ptr[f]

@@ -14,7 +14,7 @@ import math
 import numba as nb
 import numpy as np
 
-from ...arrays import F64, I64
+from ...arrays import F64, I32, I64
 from .basis import Basis
 from .fit import linearised
 from .target import Target
@@ -51,7 +51,7 @@ class Rounding:
 
 
 @nb.njit(cache=True)
-def _round(indptr, indices, blocks, damping, step, places):
+def _round(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, places: F64) -> float:
     """Move places (V, 3) onto the grid, in their order; step 0: leave them. Returns the mean logarithm of stiffness."""
     n = len(places)
     logs = 0.0

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from ...arrays import F64, I64
+from ...arrays import F64, I64, Mask
 
 # Evidence for these constants: ADR 036.
 # A boundary edge of length l counts as a strip of width l: as much as the squares on its two sides would.
@@ -56,16 +56,16 @@ class _State(NamedTuple):
 
     vertices: F64
     faces: I64  # (M, 3)
-    alive: np.ndarray  # (M,) bool
+    alive: Mask  # (M,)
     first: I64  # (N,) first corner of a vertex, -1 at the end
     after: I64  # (3 M,) the next corner of the same vertex
     quadrics: F64  # (N, 10): xx xy xz yy yz zz x y z 1
     stamps: I64  # (N,) how often a vertex has changed
-    count: I64  # (1,) faces alive
+    n_alive: I64  # (1,) how many faces are alive
 
 
 @nb.njit(cache=True)
-def _start(vertices, faces):
+def _start(vertices: F64, faces: I64) -> _State:
     n, m = len(vertices), len(faces)
     first = np.full(n, -1, dtype=np.int64)
     after = np.full(3 * m, -1, dtype=np.int64)
@@ -116,7 +116,7 @@ def _start(vertices, faces):
 
 
 @nb.njit(cache=True)
-def _add_plane(quadrics, v, n, d, weight):
+def _add_plane(quadrics: F64, v: int, n: F64, d: float, weight: float) -> None:
     q = quadrics[v]
     q[0] += weight * n[0] * n[0]
     q[1] += weight * n[0] * n[1]
@@ -131,7 +131,7 @@ def _add_plane(quadrics, v, n, d, weight):
 
 
 @nb.njit(cache=True)
-def _add_point(quadrics, v, p, weight):
+def _add_point(quadrics: F64, v: int, p: F64, weight: float) -> None:
     q = quadrics[v]
     q[0] += weight
     q[3] += weight
@@ -142,7 +142,7 @@ def _add_point(quadrics, v, p, weight):
 
 
 @nb.njit(cache=True)
-def _faces_at(state, x, y):
+def _faces_at(state: _State, x: int, y: int) -> int:
     """How many faces have the edge (x, y)."""
     count = 0
     c = state.first[x]
@@ -155,7 +155,7 @@ def _faces_at(state, x, y):
 
 
 @nb.njit(cache=True)
-def _value(q, p):
+def _value(q: F64, p: F64) -> float:
     return (
         q[0] * p[0] * p[0]
         + q[3] * p[1] * p[1]
@@ -167,7 +167,7 @@ def _value(q, p):
 
 
 @nb.njit(cache=True)
-def _best(state, u, v):
+def _best(state: _State, u: int, v: int) -> tuple[float, F64]:
     """The cost of collapsing (u, v), and where the new vertex would be."""
     q = state.quadrics[u] + state.quadrics[v]
     a, b, c, d, e, f = q[0], q[1], q[2], q[3], q[4], q[5]
@@ -196,7 +196,7 @@ def _best(state, u, v):
 
 
 @nb.njit(cache=True)
-def _edges_by_cost(state):
+def _edges_by_cost(state: _State) -> list[tuple[float, np.int64, np.int64, np.int64]]:
     heap = [(0.0, np.int64(-1), np.int64(-1), np.int64(0))]
     heap.pop()
     for f in range(len(state.faces)):
@@ -210,7 +210,7 @@ def _edges_by_cost(state):
 
 
 @nb.njit(cache=True)
-def _neighbours(state, v, marks, mark, out):
+def _neighbours(state: _State, v: int, marks: I64, mark: int, out: I64) -> int:
     """Write the neighbours of a vertex, and mark them. Returns how many, or -1 where there is no room for them."""
     n = 0
     c = state.first[v]
@@ -230,7 +230,7 @@ def _neighbours(state, v, marks, mark, out):
 
 
 @nb.njit(cache=True)
-def _turns_over(state, v, other, p):
+def _turns_over(state: _State, v: int, other: int, p: F64) -> bool:
     """Whether a face of v that stays would turn too far, were v at p."""
     c = state.first[v]
     while c >= 0:
@@ -249,7 +249,7 @@ def _turns_over(state, v, other, p):
 
 
 @nb.njit(cache=True)
-def _least(q, p):
+def _least(q: F64, p: F64) -> float:
     """The least value of a quadric, found from a point by steps along the coordinates."""
     p = p.copy()
     rows = ((q[0], q[1], q[2]), (q[1], q[3], q[4]), (q[2], q[4], q[5]))
@@ -261,8 +261,8 @@ def _least(q, p):
 
 
 @nb.njit(cache=True)
-def _vanish(state, u):
-    """Take away the part that a vertex is on, whose faces all have the vertex or its neighbours."""
+def _vanish(state: _State, u: int) -> None:
+    """Take away the faces that have only a vertex and its neighbours: a part that is one tetrahedron or triangle."""
     ends = np.empty(8, dtype=np.int64)
     n = 0
     c = state.first[u]
@@ -275,25 +275,37 @@ def _vanish(state, u):
                     ends[n] = w
                     n += 1
         c = state.after[c]
+    # Other parts may touch this one at a vertex; their faces stay.
     for i in range(n + 1):
         w = u if i == n else ends[i]
+        stays = False
         c = state.first[w]
         while c >= 0:
-            if state.alive[c // 3]:
-                state.alive[c // 3] = False
-                state.count[0] -= 1
+            f = c // 3
+            if state.alive[f]:
+                whole = True
+                for k in range(3):
+                    x = state.faces[f, k]
+                    if x != u and not np.any(ends[:n] == x):
+                        whole = False
+                if whole:
+                    state.alive[f] = False
+                    state.n_alive[0] -= 1
+                else:
+                    stays = True
             c = state.after[c]
-        state.first[w] = -1
+        if not stays:
+            state.first[w] = -1
 
 
 @nb.njit(cache=True)
-def _collapse(state, n_faces):
+def _collapse(state: _State, n_faces: int) -> None:
     heap = _edges_by_cost(state)
     n = len(state.vertices)
     marks = np.zeros(n, dtype=np.int64)
     mark = np.int64(0)
     of_u, of_v = np.empty(MOST_NEIGHBOURS, dtype=np.int64), np.empty(MOST_NEIGHBOURS, dtype=np.int64)
-    while state.count[0] > n_faces and len(heap) > 0:
+    while state.n_alive[0] > n_faces and len(heap) > 0:
         cost, u, v, stamp = heapq.heappop(heap)
         if u == v:
             if state.first[u] >= 0 and 2 * state.stamps[u] == stamp:
@@ -329,7 +341,7 @@ def _collapse(state, n_faces):
             f = c // 3
             if state.alive[f] and (state.faces[f, 0] == v or state.faces[f, 1] == v or state.faces[f, 2] == v):
                 state.alive[f] = False
-                state.count[0] -= 1
+                state.n_alive[0] -= 1
             last = c
             c = state.after[c]
         state.after[last] = state.first[v]

@@ -37,6 +37,7 @@ CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 TRIES = 3  # with other numbers of vertices
 STEP_TRIES = 4  # with other steps, for one number of vertices
+LAST_STEP_TRIES = 12  # where it may be any: flat surfaces save less than a bit per coordinate and halving
 MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
 FINE_FACES = 40_000  # the tessellation has about so many faces: as many as there are samples
 
@@ -63,13 +64,15 @@ def surface_of_size(
             one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, settings.rounds)
         else:
             one = fit_smooth(mesh, target, _levels(mesh), settings.trial_rounds)
-        sized = _rounded(one, mesh, target, size)
+        # The last try may take any coarser step, rather than make no file.
+        coarsest = math.inf if k == TRIES - 1 and best is None else MOST_COARSER
+        sized = _rounded(one, mesh, target, size, coarsest)
         on_step(k + 1, sized.error)
         whole = len(mesh.faces) >= len(given.faces)
         if len(sized.body) <= size and final and (best is None or sized.error < best.error):
             best = sized
         full = CLOSE * size <= len(sized.body) <= size
-        if final and (full or whole or deadline.passed() >= 1):
+        if final and (full or (whole and len(sized.body) <= size) or deadline.passed() >= 1):
             break
         wanted = min(max(wanted * size / len(sized.body), LEAST_FACES), len(given.faces))
     if best is None:
@@ -88,14 +91,15 @@ def _levels(mesh: Manifold) -> int:
     return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), 1), 4)
 
 
-def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int) -> Sized:
-    """Round to the step of the formula, or one a little coarser or finer that fills the file."""
+def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: float) -> Sized:
+    """Round to the step of the formula, or one a little coarser or finer that fills the file. coarsest: by what factor
+    the step may be coarser."""
     rounding = Rounding(one.basis, target, one.control)
     left = one.control.size / (math.log(2) * 8 * size)
     stiffness = rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
     step, best = ideal, None
-    for _ in range(STEP_TRIES):
+    for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
         step = float(np.float32(min(max(step, 2.0**-17), 0.1)))
         control = ControlMesh(
             UNTURNED,
@@ -113,8 +117,8 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int) -> Sized:
         # A bit more of each coordinate halves the step.
         bits = 8 * (0.995 * size - len(body))
         step = step * 2.0 ** (-bits / (3 * len(one.control)))
-        if not ideal / MOST_COARSER <= step <= ideal * MOST_COARSER:
-            step = min(max(step, ideal / MOST_COARSER), ideal * MOST_COARSER)
+        if not ideal / MOST_COARSER <= step <= ideal * coarsest:
+            step = min(max(step, ideal / MOST_COARSER), ideal * coarsest)
             if abs(math.log(step / control.step)) < 1e-3:
                 break
     assert best is not None

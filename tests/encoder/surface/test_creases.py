@@ -1,0 +1,64 @@
+"""Which edges are made sharp."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from control_meshes import arrays, square, target_of
+
+from cndhf_codec.encoder.surface.creases import Fitted, fit_smooth, fit_with_creases
+from cndhf_codec.encoder.surface.simplify import Simplifier
+
+
+def creased(mesh: trimesh.Trimesh, shape: trimesh.Trimesh) -> Fitted:
+    return fit_with_creases(arrays(mesh), target_of(shape), 3, 3, 4)
+
+
+def test_the_edges_of_a_cube_are_sharp():
+    cube = trimesh.creation.box()
+    fitted = creased(cube, cube)
+    real = {tuple(sorted(e)) for e in cube.face_adjacency_edges[cube.face_adjacency_angles > 1].tolist()}
+    assert len(real) == 12
+    assert real <= {tuple(e) for e in fitted.sharp.tolist()}
+    assert fitted.error < 1e-6
+
+
+def test_no_edge_of_a_ball_is_sharp():
+    ball = trimesh.creation.icosphere(4)
+    fitted = creased(trimesh.creation.icosphere(1), ball)
+    assert len(fitted.sharp) == 0
+    assert fitted.error < 0.003
+
+
+def test_a_cylinder_has_two_sharp_rings():
+    cylinder = trimesh.creation.cylinder(1, 2, sections=256)
+    coarse = trimesh.creation.cylinder(1, 2, sections=12)
+    fitted = creased(coarse, cylinder)
+    heights = np.round(coarse.vertices[:, 2], 6)
+    radii = np.round(np.hypot(*coarse.vertices[:, :2].T), 6)
+    a, b = fitted.sharp.T
+    on_rim = (heights[a] == heights[b]) & (radii[a] == 1) & (radii[b] == 1)
+    assert np.count_nonzero(on_rim) == 24
+    # Few edges of the round wall are sharp.
+    assert np.mean(heights[a] != heights[b]) < 0.3
+    smooth = fit_smooth(arrays(coarse), target_of(cylinder), 3, 7)
+    assert len(smooth.sharp) == 0
+    assert fitted.error < smooth.error / 3
+
+
+def test_the_corners_of_a_sheet_are_sharp():
+    # A rim is a smooth curve by itself; its corners need another sharp edge each.
+    fitted = creased(square(3), square(20))
+    ends = np.bincount(fitted.sharp.ravel(), minlength=16)
+    assert np.count_nonzero(ends) > 0
+    smooth = fit_smooth(arrays(square(3)), target_of(square(20)), 3, 7)
+    assert fitted.error < smooth.error
+
+
+def test_sharp_edges_are_edges_smaller_number_first():
+    shape = trimesh.creation.annulus(0.3, 1, 1, sections=64)
+    vertices, faces = Simplifier(*arrays(shape)).to(120)
+    fitted = fit_with_creases(arrays(trimesh.Trimesh(vertices, faces, process=False)), target_of(shape), 2, 2, 2)
+    assert len(fitted.sharp) > 20
+    edges = {tuple(sorted(e)) for e in np.asarray(faces)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}
+    assert {tuple(e) for e in fitted.sharp.tolist()} <= edges
