@@ -1,20 +1,19 @@
 """What no fit of the paper's kind can go below: the error of exact height fields, in our metric and in the paper's.
 
     python tools/paper_floor.py out.tsv rocker-arm fertility --fields 3
-    python tools/paper_floor.py out.tsv rocker-arm fertility --every-candidate
+    python tools/paper_floor.py out.tsv rocker-arm fertility --fields 3 --mirrored
 
-The axes are the paper's greedy choice; or one by one all candidates, on either hand of the lattice. The solid of exact
-height fields along them is bounded by the part of the input that they see, and by walls along the axes, where heights
-jump, as far as no other field cuts them away. CD is the mean distance from points to the other surface, both ways, in
-the normalised frame. CD-paper is nearest point to nearest point of two samplings of 5 million points, in the frame
-whose longest box side is 1: in that frame two samplings of one surface give about what the paper prints for its largest
+The axes are the paper's greedy choice among its candidates, or among their mirror images. The solid of exact height
+fields along them is bounded by the part of the input that they see, and by walls along the axes, where heights jump, as
+far as no other field cuts them away. CD is the mean distance from points to the other surface, both ways, in the
+normalised frame. CD-paper is nearest point to nearest point of two samplings of 5 million points, in the frame whose
+longest box side is 1: in that frame two samplings of one surface give about what the paper prints for its largest
 networks (docs/paper.md); in ours they give more than it prints. Both are times 1000.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +26,7 @@ from cndhf_codec.arrays import F64
 from cndhf_codec.encoder.dhf.fit.samples import excluded_points
 from cndhf_codec.encoder.dhf.fit.targets import HeightTargets, height_targets
 from cndhf_codec.encoder.dhf.frames import Frame, frame_for_axis
-from cndhf_codec.encoder.paper.axes import candidates, choose_axes, effective_area, visibility
+from cndhf_codec.encoder.paper import axes
 from cndhf_codec.encoder.paper.settings import PAPER
 from cndhf_codec.mesh.distances import point_distances
 from cndhf_codec.mesh.normalise import Normalisation, normalisation
@@ -38,8 +37,6 @@ from cndhf_codec.mesh.solid import Solid
 SAMPLES = 5_000_000
 EACH = 10  # distances are measured from every tenth sample, whose mean is right to 0.1 %
 RESOLUTION = 1536  # rays along the longer side of a domain box
-# Of all candidates' floors, which need only be compared.
-ROUGH_SAMPLES, ROUGH_RESOLUTION = 200_000, 512
 JUMP = 3.0  # pixels: a smaller step of the heights is a slope of the surface
 # A wall's area, counted in pixels' edges, is too large where it stands slantwise: 4 / pi on average.
 STAIRCASE = np.pi / 4
@@ -60,12 +57,12 @@ class Reference:
     normals: F64
 
     @classmethod
-    def read(cls, name: str, samples: int = SAMPLES) -> Reference:
+    def read(cls, name: str) -> Reference:
         mesh = read_mesh(corpus() / f"{name}.ply")
         norm = normalisation(mesh)
         solid = Solid(norm.apply(mesh.vertices), mesh.faces)
-        points = sample_surface(solid.vertices, solid.faces, samples, seed=1)
-        return cls(norm, solid, points, *solid.sample(samples, np.random.default_rng(2)))
+        points = sample_surface(solid.vertices, solid.faces, SAMPLES, seed=1)
+        return cls(norm, solid, points, *solid.sample(SAMPLES, np.random.default_rng(2)))
 
     @cached_property
     def longest(self) -> float:
@@ -133,7 +130,7 @@ def walls(t: HeightTargets, density: float, rng: np.random.Generator) -> F64:
     return np.concatenate(out)
 
 
-def exact_floor(shape: Reference, frames: list[Frame], resolution: int = RESOLUTION) -> Floor:
+def exact_floor(shape: Reference, frames: list[Frame]) -> Floor:
     """The errors of the solid that exact height fields bound. Its surface is what some axis sees, and walls."""
     solid, points = shape.solid, shape.others
     seen = np.zeros(len(points), dtype=bool)
@@ -142,13 +139,13 @@ def exact_floor(shape: Reference, frames: list[Frame], resolution: int = RESOLUT
         seen[at] = solid.visible_along(f.rotation[2], points[at], shape.normals[at])
     rng, kept, back = np.random.default_rng(4), [points[seen]], 0.0
     for k, f in enumerate(frames):
-        t = height_targets(solid, f, resolution)
+        t = height_targets(solid, f, RESOLUTION)
         wall = walls(t, len(points) / shape.area, rng)
         others = [g for i, g in enumerate(frames) if i != k]
         if others and len(wall):
             wall = wall[~excluded_points(solid, others, wall).any(axis=1)]
         distance = point_distances(wall, solid.vertices, solid.faces)
-        off = distance > 2 * (f.bounds[:2, 1] - f.bounds[:2, 0]).max() / resolution
+        off = distance > 2 * (f.bounds[:2, 1] - f.bounds[:2, 0]).max() / RESOLUTION
         kept.append(wall[off])
         back += float(distance[off].sum())
     surface = np.concatenate(kept)
@@ -158,42 +155,26 @@ def exact_floor(shape: Reference, frames: list[Frame], resolution: int = RESOLUT
     return Floor(float(seen.mean()), float(hidden + back / len(surface)) / 2, shape.cd_paper(surface))
 
 
-def greedy_rows(shape: Reference, fields: int) -> Iterator[str]:
-    axes = choose_axes(shape.solid, replace(PAPER, max_axes=fields), 0, 1).axes
-    frames = [frame_for_axis(a, shape.solid.vertices) for a in axes]
-    for count in range(1, len(frames) + 1):
-        floor = exact_floor(shape, frames[:count])
-        yield (
-            f"{count}\t{floor.seen:.4f}\t{1e3 * floor.cd:.3f}\t{1e3 * floor.cd_paper:.3f}\t"
-            f"{1e3 * shape.sampling_floor:.3f}"
-        )
-
-
-def candidate_rows(shape: Reference) -> Iterator[str]:
-    for lattice, hand in (("used", 1), ("mirrored", -1)):
-        directions = candidates() * [1, hand, 1]
-        seen = visibility(shape.solid, directions, 0, 1)
-        weight = effective_area(shape.solid.areas, seen, PAPER.rarity)
-        for direction, share in zip(directions, seen @ weight / weight.sum(), strict=True):
-            floor = exact_floor(shape, [frame_for_axis(direction, shape.solid.vertices)], ROUGH_RESOLUTION)
-            where = "\t".join(f"{x:.4f}" for x in direction)
-            yield f"{lattice}\t{where}\t{share:.4f}\t{floor.seen:.4f}\t{1e3 * floor.cd:.3f}"
-
-
 @click.command()
 @click.argument("target", type=click.Path(path_type=Path))
 @click.argument("names", nargs=-1, required=True)
 @click.option("--fields", default=3, show_default=True, help="Most fields.")
-@click.option("--every-candidate", is_flag=True, help="Of one field along each candidate, roughly.")
-def main(target: Path, names: tuple[str, ...], fields: int, every_candidate: bool) -> None:
-    rows = ["fields\tseen\tCD\tCD-paper\tsampling floor"]
-    if every_candidate:
-        rows = ["lattice\tx\ty\tz\tshare of the effective area\tseen\tCD"]
-    rows[0] = "mesh\t" + rows[0]
+@click.option("--mirrored", is_flag=True, help="Mirror the candidates in the plane of x and z.")
+def main(target: Path, names: tuple[str, ...], fields: int, mirrored: bool) -> None:
+    if mirrored:
+        given = axes.candidates()
+        axes.candidates = lambda: given * [1, -1, 1]
+    rows = ["mesh\tcandidates\tfields\tseen\tCD\tCD-paper\tsampling floor"]
     for name in names:
-        shape = Reference.read(name, ROUGH_SAMPLES if every_candidate else SAMPLES)
-        for row in candidate_rows(shape) if every_candidate else greedy_rows(shape, fields):
-            rows.append(f"{name}\t{row}")
+        shape = Reference.read(name)
+        chosen = axes.choose_axes(shape.solid, replace(PAPER, max_axes=fields), 0, 1).axes
+        frames = [frame_for_axis(a, shape.solid.vertices) for a in chosen]
+        for count in range(1, len(frames) + 1):
+            floor = exact_floor(shape, frames[:count])
+            rows.append(
+                f"{name}\t{'mirrored' if mirrored else 'as used'}\t{count}\t{floor.seen:.4f}\t{1e3 * floor.cd:.3f}\t"
+                f"{1e3 * floor.cd_paper:.3f}\t{1e3 * shape.sampling_floor:.3f}"
+            )
             click.echo(rows[-1])
             target.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
