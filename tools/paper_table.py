@@ -1,85 +1,155 @@
-"""The `paper` preset beside the figures that CN-DHF prints.
+"""The `paper` preset beside the figures that CN-DHF prints, with its fields and their widths.
 
-    python tools/paper_table.py out.tsv rocker-arm fertility --axes 1 --widths 30 --steps 100000
+    python tools/paper_table.py out.tsv rocker-arm fertility --levels 1,2 --steps 20000
+    python tools/paper_table.py ablations.tsv fertility --levels 2 --steps 20000 --loss regression
 
-CD is ours: exact point-to-surface, in the normalised frame. CD-paper is the paper's: 5 million samples of each surface,
-nearest point to nearest point, mean of both directions, in the frame whose longest box side is 1 (docs/paper.md says
-how that is known). The paper samples by stabbing with random lines, which hit a surface in proportion to its area; here
-the samples are drawn by area. Both are times 1000.
+CD is ours: exact point-to-surface, in the normalised frame. CD-paper is the paper's: tools/paper_floor.py says how it
+is measured; the exact floor there is what exact height fields along the same axes have. The paper samples by stabbing
+with random lines, which hit a surface in proportion to its area; here samples are drawn by area. All are times 1000.
+
+Each row is written as soon as it is there; a run that is started again makes those that are missing.
 """
 
 from __future__ import annotations
 
-import os
+import csv
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
-from scipy.spatial import cKDTree
+from paper_floor import SAMPLES, Reference, corpus, exact_floor
 
 from cndhf_codec import encode
-from cndhf_codec.arrays import F64
+from cndhf_codec.encoder import settings as encoder_settings
+from cndhf_codec.encoder.dhf.frames import Frame
+from cndhf_codec.encoder.paper import fit
+from cndhf_codec.encoder.paper.settings import PAPER
+from cndhf_codec.encoder.paper.steps import TileImages
 from cndhf_codec.encoder.progress import Bar
-from cndhf_codec.mesh.normalise import normalisation
-from cndhf_codec.mesh.read import read_mesh
 from cndhf_codec.mesh.sampling import sample_surface
 
-SAMPLES = 5_000_000
-# The paper's table: CD-paper by total parameter count.
-PRINTED = {
-    "stanford-bunny": {5: 0.53, 10: 0.43, 20: 0.36, 40: 0.32},
-    "rocker-arm": {5: 0.36, 10: 0.33, 20: 0.31, 40: 0.30},
-    "lucy": {5: 1.29, 10: 0.80, 20: 0.62, 40: 0.50},
-    "fertility": {5: 0.57, 10: 0.40, 20: 0.35, 40: 0.32},
-    "max-planck": {5: 0.36, 10: 0.31, 20: 0.29, 40: 0.28},
+# The corpus's names of the paper's shapes, where they differ.
+NAMES = {
+    "rocker-arm": "rockerarm",
+    "max-planck": "maxplank",
+    "stanford-bunny": "441708",
+    "lucy": "252119",
+    "stanford-dragon": "dragon",
+    "xyzrgb-dragon-100k": "xyzrgb",
 }
+# Neurons per layer by the parameters that the paper counts for one field, one less than there are in all but the first.
+WIDTHS = {1617: 17, 2417: 21, 4801: 30, 9241: 42, 17401: 58, 43241: 92}
+COLUMNS = [
+    *("mesh", "faces", "level", "fields", "width", "parameters", "steps", "loss", "seconds", "bytes", "CD", "p99"),
+    *("CD-paper", "sampling-floor", "exact-floor", "printed-parameters", "printed"),
+]
+KEY = ("mesh", "level", "fields", "width", "steps", "loss")
 
 
-def cd_paper(a: F64, b: F64, longest: float) -> float:
-    """Of points (N, 3) of two surfaces; longest: box side, by which lengths are divided."""
-    forth = cKDTree(b).query(a, workers=-1)[0].mean()
-    back = cKDTree(a).query(b, workers=-1)[0].mean()
-    return float(forth + back) / 2 / longest
+def printed(figures: Path) -> dict[tuple[str, int], tuple[int, float]]:
+    """Parameters and CD-paper of the paper, by name and level of detail: 1 to 4 are about 5, 10, 20, 40 thousand
+    parameters."""
+    with figures.open(encoding="utf-8") as file:
+        rows = csv.DictReader((line for line in file if not line.startswith("#")), delimiter="\t")
+        return {(r["shape"], int(r["lod"])): (int(r["cndhf_parameters"]), float(r["cndhf_cd"])) for r in rows}
+
+
+def fields_and_width(parameters: int) -> tuple[int, int]:
+    """How many fields, and how wide, a printed count of parameters is of."""
+    for fields in range(1, 5):
+        if parameters % fields == 0 and parameters // fields in WIDTHS:
+            return fields, WIDTHS[parameters // fields]
+    raise click.ClickException(f"{parameters} parameters are no number of fields of {sorted(WIDTHS)}")
+
+
+def regressing(images: TileImages) -> TileImages:
+    """Targets of the rejected loss: beside the silhouette the near height is 1 and the far one -1."""
+    hit = images.hit[..., None] == 1
+    return images._replace(
+        heights=np.where(hit, images.heights, np.array([1, -1], np.float32)),
+        known=np.where(hit, images.known, np.float32(1)),
+        hit=np.ones_like(images.hit),
+    )
+
+
+def use_loss(loss: str) -> None:
+    if loss == "no-laplacian":
+        encoder_settings.PRESETS["paper"] = replace(PAPER, laplacian=0.0)
+    if loss == "regression":
+        made = fit.tile_images
+        fit.tile_images = lambda targets: regressing(made(targets))
 
 
 @click.command()
 @click.argument("target", type=click.Path(path_type=Path))
 @click.argument("names", nargs=-1, required=True)
-@click.option("--widths", default="17,30", show_default=True)
-@click.option("--preset", default="paper", show_default=True)
-@click.option("--axes", type=int, help="At most this many double height fields.")
-@click.option("--steps", type=int, help="Of the fit of each field; the preset's by default.")
-def main(target: Path, names: tuple[str, ...], widths: str, preset: str, axes: int | None, steps: int | None) -> None:
-    corpus = Path(os.environ.get("CNDHF_CORPUS", Path(__file__).parents[2] / "shared" / "corpus"))
-    rows = ["mesh\tsteps\twidth\tdhfs\tparameters\tbytes\tCD\tp99\tmax\tCD-paper\tsampling floor\tprinted\tseconds"]
+@click.option("--figures", type=click.Path(path_type=Path), help="paper-figures.tsv; beside the corpus by default.")
+@click.option("--levels", default="1,2", show_default=True, help="Of detail, as the paper's figures count them.")
+@click.option("--more-fields", default=0, show_default=True, help="Than the paper has; -1: one fewer.")
+@click.option("--loss", type=click.Choice(["full", "no-laplacian", "regression"]), default="full", show_default=True)
+@click.option("--steps", default=PAPER.steps, show_default=True, help="Of the fit of each field.")
+@click.option("--threads", default=1, show_default=True)
+def main(
+    target: Path,
+    names: tuple[str, ...],
+    figures: Path | None,
+    levels: str,
+    more_fields: int,
+    loss: str,
+    steps: int,
+    threads: int,
+) -> None:
+    figure = printed(figures or corpus().parent / "paper-figures.tsv")
+    use_loss(loss)
+    done = set()
+    if target.exists():
+        with target.open(encoding="utf-8") as file:
+            done = {tuple(r[k] for k in KEY) for r in csv.DictReader(file, delimiter="\t")}
+    else:
+        target.write_text("\t".join(COLUMNS) + "\n", encoding="utf-8")
     for name in names:
-        mesh = read_mesh(corpus / f"{name}.ply")
-        norm = normalisation(mesh)
-        vertices = norm.apply(mesh.vertices)
-        longest = float(np.ptp(vertices, axis=0).max())
-        truth = sample_surface(vertices, mesh.faces, SAMPLES, seed=1)
-        # What two samplings of the same surface give: no reconstruction can do better.
-        floor = cd_paper(truth, sample_surface(vertices, mesh.faces, SAMPLES, seed=2), longest)
-        for width in (int(w) for w in widths.split(",")):
+        shape: Reference | None = None
+        for level in levels.split(","):
+            count, error = figure[NAMES.get(name, name), int(level)]
+            fields, width = fields_and_width(count)
+            fields += more_fields
+            key = tuple(map(str, (name, level, fields, width, steps, loss)))
+            if fields < 1 or key in done:
+                continue
+            shape = shape or Reference.read(name)
+            path = corpus() / f"{name}.ply"
             bar = Bar()
-            model = encode(corpus / f"{name}.ply", preset=preset, axes=axes, width=width, steps=steps, progress=bar)
-            report = model.report
+            model = encode(path, preset="paper", axes=fields, width=width, steps=steps, threads=threads, progress=bar)
             bar.close()
             surface = model.to_mesh(512)
-            points = sample_surface(norm.apply(surface.vertices), surface.faces, SAMPLES, seed=3)
-            d = report.normalised
+            points = sample_surface(shape.norm.apply(surface.vertices), surface.faces, SAMPLES, seed=3)
+            frames = [Frame(record.quaternion, record.box) for record in model.container.dhfs]
+            d = model.report.normalised
             assert d is not None
-            parameters = model.info["parameters"]
-            listed = " ".join(f"{k}k:{v}" for k, v in PRINTED.get(name, {}).items()) or "-"
-            rows.append(
-                f"{name}\t{steps or 'preset'}\t{width}\t{len(model.container.dhfs)}\t{parameters}\t"
-                f"{len(model.dumps())}\t"
-                f"{d.mean * 1e3:.3f}\t{d.p99 * 1e3:.2f}\t{d.maximum * 1e3:.1f}\t"
-                f"{1e3 * cd_paper(truth, points, longest):.3f}\t{1e3 * floor:.3f}\t{listed}\t"
-                f"{sum(report.seconds.values()):.0f}"
+            row = dict(
+                zip(KEY, key, strict=True),
+                faces=len(shape.solid.faces),
+                fields=len(frames),
+                parameters=model.info["parameters"],
+                seconds=round(sum(model.report.seconds.values())),
+                bytes=len(model.dumps()),
+                CD=f"{d.mean * 1e3:.3f}",
+                p99=f"{d.p99 * 1e3:.2f}",
             )
-            click.echo(rows[-1])
-            target.write_text("\n".join(rows) + "\n", encoding="utf-8")
+            row |= {
+                "CD-paper": f"{1e3 * shape.cd_paper(points):.3f}",
+                "sampling-floor": f"{1e3 * shape.sampling_floor:.3f}",
+                "exact-floor": f"{1e3 * exact_floor(shape, frames).cd_paper:.3f}",
+                "printed-parameters": count,
+                "printed": error,
+            }
+            line = "\t".join(str(row[c]) for c in COLUMNS)
+            click.echo(line)
+            with target.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":

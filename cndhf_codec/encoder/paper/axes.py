@@ -32,8 +32,12 @@ class AxisChoice:
 
 
 def candidates() -> F64:
-    """(53, 3): 50 spherical Fibonacci directions and the three coordinate axes."""
-    return np.concatenate([fibonacci_sphere(N_FIBONACCI), np.eye(3)])
+    """(53, 3): 50 spherical Fibonacci directions and the three coordinate axes.
+
+    The lattice turns by the golden angle from point to point, the other way round than `fibonacci_sphere`: the paper
+    does not say which, and only this one has axes on which its figures for fertility can be (ADR 034).
+    """
+    return np.concatenate([fibonacci_sphere(N_FIBONACCI) * [1, -1, 1], np.eye(3)])
 
 
 def visibility(solid: Solid, directions: F64, seed: int, threads: int) -> Mask:

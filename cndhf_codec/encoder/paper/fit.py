@@ -14,10 +14,8 @@ from ..dhf.fit.targets import HeightTargets
 from ..dhf.network.siren import Networks, initialise
 from ..progress import OnStep
 from .settings import PaperSettings
-from .steps import Moments, TileImages, Weights, adam_steps
+from .steps import TILE_SIDE, Moments, TileImages, Weights, adam_steps
 
-# Evidence for these constants: ADR 034.
-TILE_SIDE = 16  # pixels along the side of the tiles that the Laplacian loss looks at
 CALL_STEPS = 100  # that are taken without a look at the deadline
 
 
@@ -28,8 +26,8 @@ def fit_paper(
     network = initialise(settings.width, settings.hidden_layers, settings.omega, torch.Generator().manual_seed(seed))
     net = network.net(0)
     moments = Moments(np.zeros_like(net.theta), np.zeros_like(net.theta))
-    images, weights = tile_images(targets), weights_of(targets, settings)
-    last = np.array(targets.hit.shape) - weights.side + 1
+    images, weights = tile_images(targets), weights_of(settings)
+    last = np.array(targets.hit.shape) - TILE_SIDE + 1
     tiles_per_step = max(1, settings.batch // TILE_SIDE**2)
     rng = np.random.default_rng(seed)
     for first in range(0, settings.steps, CALL_STEPS):
@@ -64,8 +62,8 @@ def tile_images(t: HeightTargets) -> TileImages:
     )
 
 
-def weights_of(t: HeightTargets, settings: PaperSettings) -> Weights:
-    return Weights(np.float32(settings.margin), np.float32(settings.laplacian), min(TILE_SIDE, *t.hit.shape))
+def weights_of(settings: PaperSettings) -> Weights:
+    return Weights(np.float32(settings.margin), np.float32(settings.laplacian))
 
 
 def _laplacian(h: F32) -> F32:

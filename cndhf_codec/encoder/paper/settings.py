@@ -25,7 +25,9 @@ class PaperSettings:
     learning_rate: float = 1e-3
     batch: int = 4096  # points per step
     margin: float = 0.1  # C: outside the silhouette the far height is to be this much below the near one
-    laplacian: float = 10.0  # weight of the loss on the Laplacians of the height images
+    # Weight of the loss on Laplacians, which are five-point sums. The paper's is 10; it does not say of which pixels
+    # and of which discrete Laplacian. 1 here is 10 times the mean of four neighbours less the middle, on 810 pixels.
+    laplacian: float = 1.0
     quantisation_loss: float = 0.01  # share by which rounding may raise the loss
     verify_resolution: int | None = None  # at which the written file is measured; None: as it is decoded by default
 

@@ -44,6 +44,12 @@ def test_candidates_end_with_the_coordinate_axes():
     assert candidates()[-3:].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
+def test_candidates_turn_by_the_golden_angle():
+    # By hand: 137.507764 degrees, the smaller part of a turn in the golden ratio.
+    x, y, _ = candidates()[1]
+    assert np.degrees(np.arctan2(y, x)) == pytest.approx(137.507764, abs=1e-5)
+
+
 CONVEX = [trimesh.creation.icosphere(3, 0.9), trimesh.creation.box((1, 0.5, 0.8))]
 
 

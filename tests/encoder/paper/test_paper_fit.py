@@ -18,7 +18,7 @@ from cndhf_codec.encoder.dhf.frames import frame_for_axis
 from cndhf_codec.encoder.dhf.network.siren import forward, initialise
 from cndhf_codec.encoder.paper.fit import fit_paper, tile_images, weights_of
 from cndhf_codec.encoder.paper.settings import PaperSettings
-from cndhf_codec.encoder.paper.steps import gradient
+from cndhf_codec.encoder.paper.steps import TILE_SIDE, gradient
 from cndhf_codec.errors import EncodeError
 from cndhf_codec.mesh.solid import Solid
 
@@ -65,13 +65,13 @@ def test_laplacians_of_planes_are_zero_and_those_of_a_sphere_are_not(ball):
     assert not images.laplacian_known[~ball.hit].any()
 
 
-@pytest.mark.parametrize(("resolution", "tiles"), [(64, 5), (12, 3)])
+@pytest.mark.parametrize(("resolution", "tiles"), [(64, 40), (12, 3)])  # one block of points, and more
 def test_the_compiled_loss_is_torch_s(resolution, tiles):
     t = targets_of(trimesh.creation.icosphere(4, RADIUS), [0.6, 0.0, 0.8], resolution)
-    images, weights = tile_images(t), weights_of(t, SMALL)
+    images, weights = tile_images(t), weights_of(SMALL)
     net = initialise(8, 2, 30.0, torch.Generator().manual_seed(0))
     theta = net.theta.requires_grad_()
-    side = weights.side
+    side = TILE_SIDE
     first = np.random.default_rng(0).integers(np.array(t.hit.shape) - side + 1, size=(tiles, 2))
     loss = torch.zeros(())
     for i, j in first:
