@@ -107,8 +107,10 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
 
 @dataclass(frozen=True, eq=False)
 class AsGiven:
-    """A mesh made ready to be encoded as the surface that it is. Fields are those of `Prepared`; what is encoded are the
-    faces of `solid`, sheets and inner parts with them."""
+    """A mesh made ready to be encoded as the surface that it is.
+
+    Fields are those of `Prepared`. What is encoded are the faces of `solid`, sheets and inner parts with them.
+    """
 
     given: Mesh
     flipped: float
