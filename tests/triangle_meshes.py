@@ -58,6 +58,17 @@ def with_flat_triangles(mesh: Mesh) -> Mesh:
     return Mesh(vertices, np.array(faces))
 
 
+def splintered(mesh: Mesh) -> Mesh:
+    """Every face cut in three at a point next to one of its edges, by 1e-4 to 1e-13 of its size."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    off = np.logspace(-4, -13, len(a))[:, None]
+    cuts = (1 - off) * (0.6 * a + 0.4 * b) + off * c
+    n = len(mesh.vertices) + np.arange(len(a))
+    i, j, k = mesh.faces.T
+    faces = np.concatenate([np.column_stack(f) for f in ((i, j, n), (j, k, n), (k, i, n))])
+    return Mesh(np.concatenate([mesh.vertices, cuts]), faces)
+
+
 def soup(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
 
@@ -92,6 +103,8 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "flat triangles": lambda: with_flat_triangles(rotated(box([-0.5] * 3, [0.5] * 3))),
     "soup": lambda: soup(torus()),
     "needles": needles,
+    "splinters": lambda: splintered(sphere(0.8, 1)),
+    "turned splinters": lambda: splintered(rotated(box([-0.5] * 3, [0.5] * 3))),
     "one point": lambda: Mesh(np.full((3, 3), 0.25), np.array([[0, 1, 2], [2, 1, 0]])),
 }
 

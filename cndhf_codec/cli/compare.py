@@ -22,7 +22,7 @@ from ..files import check_output, write_atomically
     help="Write a page with pictures of both and of the error.",
 )
 @click.option("--up", type=click.Choice(["y", "z"]), default="y", help="Which axis points up in the pictures.")
-@click.option("--resolution", type=int, help="Of a .cndhf file's surface, as in cndhf-decode.  [default: 384]")
+@click.option("--resolution", type=int, help="Of double height fields, as in cndhf-decode.  [default: 384]")
 @click.option("--overwrite", is_flag=True, help="Replace REPORT.html if it exists.")
 @click.version_option(package_name="cndhf-codec")
 def command(

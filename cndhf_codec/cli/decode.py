@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from ..errors import OptionError
 from ..files import STREAM, check_output
 from .streams import check_standard_output, standard_input
+
+if TYPE_CHECKING:
+    from ..decoder.model import Model
+    from ..decoder.representation import Detail
 
 COARSEST = 8  # the least resolution
 
@@ -19,22 +23,31 @@ COARSEST = 8  # the least resolution
 @click.argument("source", metavar="INPUT.cndhf", type=click.Path(path_type=Path))
 @click.argument("target", metavar="[OUTPUT]", required=False, type=click.Path(path_type=Path))
 @click.option(
-    "--resolution", type=int, help="Grid cells along the longest side of the solid.  [default: 256, see --method]"
+    "--resolution",
+    type=int,
+    help="Of double height fields, and of --occupancy: grid cells along the longest side of the solid.  "
+    "[default: 256, see --method]",
 )
 @click.option(
     "--method",
     type=click.Choice(["marching-cubes", "intersection"]),
-    help="How the surface is made; `intersection` keeps creases sharp and makes far fewer triangles.  "
+    help="Of double height fields: how the surface is made; `intersection` keeps creases sharp and makes far fewer "
+    "triangles.  "
     "[default: marching-cubes; intersection where walls are thinner than a cell and no --resolution is given]",
 )
 @click.option(
     "--max-error",
     metavar="ERROR",
-    help="For --method intersection: distance from the exact surface, a number in input units or 0.1% of the "
-    "bounding box's diagonal (default: 0.02%).",
+    help="Of surfaces, and for --method intersection: distance from the exact surface, a number in input units or 0.1% "
+    "of the bounding box's diagonal (default: 0.02%).",
 )
-@click.option("--faces", type=int, help="For --method intersection: at most so many triangles, in place of an error.")
-@click.option("--normals", is_flag=True, help="Write vertex normals (.ply, .obj, .glb), from the analytic gradient.")
+@click.option(
+    "--faces",
+    type=int,
+    help="Of surfaces, and for --method intersection: at most so many triangles, in place of an error.",
+)
+@click.option("--level", type=int, help="Of surfaces: subdivide so often, 0 to 6, in place of an error.")
+@click.option("--normals", is_flag=True, help="Write vertex normals (.ply, .obj, .glb), those of the exact surface.")
 @click.option(
     "--format", "format_", type=click.Choice(["ply", "obj", "stl", "off", "glb"]), help="What to write to OUTPUT -."
 )
@@ -42,7 +55,8 @@ COARSEST = 8  # the least resolution
     "--lod",
     metavar="N",
     type=int,
-    help="Write N levels of detail: OUTPUT.lod0.EXT at --resolution, OUTPUT.lod1.EXT at half of it, and so on.",
+    help="Write N levels of detail: OUTPUT.lod0.EXT at --resolution, OUTPUT.lod1.EXT at half of it, and so on; of a "
+    "surface, one level of subdivision less each.",
 )
 @click.option(
     "--occupancy",
@@ -60,6 +74,7 @@ def command(
     method: Literal["marching-cubes", "intersection"] | None,
     max_error: str | None,
     faces: int | None,
+    level: int | None,
     normals: bool,
     format_: str | None,
     lod: int | None,
@@ -74,6 +89,7 @@ def command(
     from ..decoder.gridfile import write_grid
     from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
     from ..decoder.model import DEFAULT_RESOLUTION, load, load_stream
+    from ..decoder.representation import Detail
 
     if target is None and occupancy is None:
         raise OptionError("nothing to write: name an OUTPUT mesh, or --occupancy GRID.npz")
@@ -82,9 +98,11 @@ def command(
         raise OptionError("--format belongs to the OUTPUT -: a file's extension says its format")
     if lod is not None and (target is None or to_stream or method == "intersection"):
         raise OptionError("--lod needs an OUTPUT file, to name its levels after, and marching cubes")
+    if lod is not None and lod < 1:
+        raise OptionError(f"--lod is {lod}: 1 or more are needed")
     cells = DEFAULT_RESOLUTION if resolution is None else resolution
-    levels = {} if target is None else {target: resolution} if lod is None else _levels(target, cells, lod)
-    for path in levels:
+    paths = [] if target is None else [target] if lod is None else _paths(target, lod)
+    for path in paths:
         if normals:
             check_normals(Path(f"-.{format_}") if to_stream else path)
         if not to_stream:
@@ -94,15 +112,18 @@ def command(
         if occupancy == STREAM:
             raise OptionError("--occupancy needs a file: the grid does not go to the standard output")
         check_output(occupancy, overwrite, [source])
-        if occupancy.absolute() in [path.absolute() for path in levels]:
+        if occupancy.absolute() in [path.absolute() for path in paths]:
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
     if to_stream:
         check_standard_output()
     model = load_stream(standard_input(), "standard input") if source == STREAM else load(source)
+    if model.representation == "surface" and occupancy is not None:
+        resolution = None  # it is that of the grid
+    detail = Detail(resolution, method, max_error, faces, level)
     # Make all before writing any: an interrupt leaves nothing.
-    meshes = {path: model.to_mesh(n, method, max_error, faces, normals) for path, n in levels.items()}
+    meshes = [] if not paths else _meshes(model, detail, normals, lod)
     grid = None if occupancy is None else model.occupancy(cells)
-    for path, mesh in meshes.items():
+    for path, mesh in zip(paths, meshes, strict=True):
         if format_ is not None:
             data, note = mesh_bytes(mesh, format_, normals)
             sys.stdout.buffer.write(data)
@@ -112,7 +133,9 @@ def command(
         if note is not None:
             click.echo(f"cndhf-decode: warning: {note}", err=True)
         if not (quiet or to_stream):
-            click.echo(f"{path}: {len(mesh.faces)} triangles, watertight: {'yes' if mesh.is_watertight else 'no'}")
+            # The normals of a surface make seams in a mesh; the surface itself has none there.
+            whole = mesh.is_watertight or (normals and model.info.get("closed", False))
+            click.echo(f"{path}: {len(mesh.faces)} triangles, watertight: {'yes' if whole else 'no'}")
     if grid is not None and occupancy is not None:
         write_grid(occupancy, *grid, overwrite)
         if not quiet:
@@ -121,11 +144,30 @@ def command(
             click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
 
 
-def _levels(target: Path, resolution: int, n: int) -> dict[Path, int | None]:
-    """Paths and resolutions of levels of detail. Each has about a quarter of the triangles of the one before."""
-    if n < 1 or resolution >> (n - 1) < COARSEST:
-        raise OptionError(
-            f"--lod is {n}: 1 or more, and the last level's resolution, {resolution} halved {max(n - 1, 0)} times, "
-            f"must be {COARSEST} or more"
-        )
-    return {target.with_name(f"{target.stem}.lod{k}{target.suffix}"): resolution >> k for k in range(n)}
+def _paths(target: Path, n: int) -> list[Path]:
+    """Where n levels of detail go."""
+    return [target.with_name(f"{target.stem}.lod{k}{target.suffix}") for k in range(n)]
+
+
+def _meshes(model: Model, detail: Detail, normals: bool, n: int | None) -> list[Any]:
+    """The mesh, or n levels of detail. Each has about a quarter of the triangles of the one before."""
+    from ..decoder.model import DEFAULT_RESOLUTION
+
+    if n is None:
+        return [model.to_mesh(normals=normals, **detail._asdict())]
+    if model.representation == "dhf":
+        resolution = DEFAULT_RESOLUTION if detail.resolution is None else detail.resolution
+        if resolution >> (n - 1) < COARSEST:
+            raise OptionError(
+                f"--lod is {n}: the last level's resolution, {resolution} halved {n - 1} times, must be {COARSEST} or "
+                "more"
+            )
+        details = [detail._replace(resolution=resolution >> k) for k in range(n)]
+        return [model.to_mesh(normals=normals, **d._asdict()) for d in details]
+    finest = model.to_mesh(normals=normals, **detail._asdict())
+    level = 0
+    while model.info["faces"] * 4**level < len(finest.faces):
+        level += 1
+    if n > level + 1:
+        raise OptionError(f"--lod is {n}: the first mesh is of level {level}, so there are {level + 1}; raise --level")
+    return [finest, *(model.to_mesh(normals=normals, level=level - k) for k in range(1, n))]

@@ -15,7 +15,7 @@ import click
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.version_option(package_name="cndhf-codec")
 def command(source: Path, as_json: bool) -> None:
-    """Print what INPUT.cndhf holds: bytes by section, double height fields, measured error in input units."""
+    """Print what INPUT.cndhf holds: bytes by section, its fields or its surface, measured error in input units."""
     from ..decoder.model import load
 
     info = load(source).info
@@ -29,22 +29,8 @@ def _table(source: Path, info: dict[str, Any]) -> str:
         "",
         *_columns([("section", "bytes", "share"), *rows]),
         "",
-        f"{info['parameters']} weights, {8 * info['sections']['weights'] / info['parameters']:.2f} bits each "
-        f"({info['bits_per_parameter']:.2f} of the whole file)",
-        "",
+        *(_surface(info) if info["representation"] == "surface" else _height_fields(info)),
     ]
-    fields = [
-        (
-            str(i),
-            " ".join(f"{x:+.3f}" for x in dhf["axis"]),
-            "".join(dhf["mirrored"]) or "-",
-            str(dhf["width"]),
-            str(dhf["hidden_layers"]),
-            str(dhf["parameters"]),
-        )
-        for i, dhf in enumerate(info["dhfs"])
-    ]
-    lines += _columns([("field", "axis", "mirrored", "width", "hidden layers", "weights"), *fields])
     lines += ["", "centre " + " ".join(f"{x:g}" for x in info["centre"]) + f", scale {info['scale']:g}"]
     if info["mean_error"] is not None:
         lines.append(
@@ -58,6 +44,36 @@ def _table(source: Path, info: dict[str, Any]) -> str:
     if info["source"] is not None:
         lines.append(f"source {_printable(info['source'])}")
     return "\n".join(lines)
+
+
+def _height_fields(info: dict[str, Any]) -> list[str]:
+    fields = [
+        (
+            str(i),
+            " ".join(f"{x:+.3f}" for x in dhf["axis"]),
+            "".join(dhf["mirrored"]) or "-",
+            str(dhf["width"]),
+            str(dhf["hidden_layers"]),
+            str(dhf["parameters"]),
+        )
+        for i, dhf in enumerate(info["dhfs"])
+    ]
+    return [
+        f"{info['parameters']} weights, {8 * info['sections']['weights'] / info['parameters']:.2f} bits each "
+        f"({info['bits_per_parameter']:.2f} of the whole file)",
+        "",
+        *_columns([("field", "axis", "mirrored", "width", "hidden layers", "weights"), *fields]),
+    ]
+
+
+def _surface(info: dict[str, Any]) -> list[str]:
+    return [
+        f"surface of {info['components']} component{'s' * (info['components'] != 1)}, "
+        f"{'closed' if info['closed'] else 'open: a sheet'}",
+        f"control mesh: {info['vertices']} vertices, {info['faces']} faces, {info['sharp_edges']} sharp edges, "
+        f"{8 * info['sections']['surface'] / info['vertices']:.2f} bits per vertex "
+        f"({info['bits_per_vertex']:.2f} of the whole file)",
+    ]
 
 
 def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:

@@ -142,8 +142,8 @@ class Model:
             representation
                 "dhf" or "surface".
             dhfs
-                Of `dhf` only. For each double height field: axis (3 floats), mirrored ("u", "v"), width, hidden_layers, parameters and
-                bounds (of u, v, z in its frame, normalised units).
+                Of `dhf` only. For each double height field: axis (3 floats), mirrored ("u", "v"), width, hidden_layers,
+                parameters and bounds (of u, v, z in its frame, normalised units).
             parameters, bits_per_parameter
                 Of `dhf` only. Weights of all networks, and the file's size in bits divided by their number.
             vertices, faces, sharp_edges, components, bits_per_vertex
@@ -184,7 +184,7 @@ class Model:
         }
 
     def heights(self, i: int, uv: npt.ArrayLike) -> F32:
-        """Near and far height of a double height field over its plane.
+        """Near and far height of a double height field over its plane: of `dhf` only.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ class Model:
         Raises
         ------
         OptionError
-            When there is no field `i`, or uv is not an array of numbers of that shape.
+            When the file holds a surface, there is no field `i`, or uv is not an array of numbers of that shape.
 
         Examples
         --------
@@ -242,15 +242,18 @@ class Model:
         Returns
         -------
         f : ndarray of float32, shape (...)
-            In input units. Close to the surface, f / |grad f| approximates the distance from it.
+            In input units. Of double height fields: close to the surface, f / |grad f| approximates the distance from
+            it. Of a surface: the signed distance, as in `distance`.
         gradient : ndarray of float32, shape (..., 3), only if asked for
             By input coordinates, analytic. Where f has a crease, that of one side. -grad f / |grad f| is the outward
-            normal of the surface.
+            normal of the surface. Zero where f is not finite.
 
         Raises
         ------
         OptionError
             When points is not an array of numbers of that shape.
+        SheetError
+            When the file holds a sheet.
 
         Examples
         --------
@@ -279,8 +282,10 @@ class Model:
     def contains(self, points: npt.ArrayLike) -> Mask:
         """Whether points lie inside the solid or on its surface.
 
-        The same as `implicit(points) >= 0`, up to the rounding of float32. For many points it takes a tenth of the
-        time: a table of 2 MB is made then, and networks are evaluated next to the surface only.
+        The same as `implicit(points) >= 0`, up to the rounding of float32, and much faster for many points. Of double
+        height fields: a table of 2 MB is made then, and networks are evaluated next to the surface only. Of a surface:
+        inside is where the winding number of its default mesh is positive, so parts that overlap are united, and a
+        part within another is a cavity when it faces the other way.
 
         Parameters
         ----------
@@ -295,6 +300,8 @@ class Model:
         ------
         OptionError
             When points is not an array of numbers of that shape.
+        SheetError
+            When the file holds a sheet.
 
         Examples
         --------
@@ -396,7 +403,8 @@ class Model:
         Returns
         -------
         ndarray of float32, shape (..., 3)
-            Of length one; on a crease, the normal of one side.
+            Of length one; on a crease, the normal of one side. Of a surface: those of the limit surface, between the
+            corners of the triangle of the default mesh that is nearest. Zero for a point that is not finite.
 
         Raises
         ------
@@ -444,6 +452,9 @@ class Model:
         With s the longest side of the solid's box, points are within 2e-6 s of the surface; so are distances, unless
         the ray grazes it. float32 adds its own rounding, which grows with the distance from the origin. Where a ray
         enters and leaves the solid within s / 1000, both crossings may be missed.
+
+        This holds for double height fields. Of a surface, hits and normals are those of the triangles of its default
+        mesh, exact up to rounding; the normal is that of the side where the triangle faces.
 
         Examples
         --------
@@ -501,24 +512,30 @@ class Model:
         normals: bool = False,
         level: int | None = None,
     ) -> Any:
-        """The surface as a mesh: watertight, facing outward. Needs the `mesh` extra.
+        """The surface as a mesh: watertight, but that of a sheet; facing outward. Needs the `mesh` extra.
 
         Parameters
         ----------
         resolution : int, optional
-            Cells along the longest side of the solid's box, 8 to 2048. When neither this nor `method` is given, it is
-            256, and a solid with walls thinner than a cell of that is made by intersection instead.
+            Of double height fields. Cells along the longest side of the solid's box, 8 to 2048. When neither this nor
+            `method` is given, it is 256, and a solid with walls thinner than a cell of that is made by intersection
+            instead.
         method : {"marching-cubes", "intersection"}, optional
-            "intersection" triangulates each double height field and intersects the solids: creases stay sharp, and
-            there are far fewer triangles. Should that fail, the result is that of marching cubes, with a warning.
+            Of double height fields. "intersection" triangulates each of them and intersects the solids: creases stay
+            sharp, and there are far fewer triangles. Should that fail, the result is that of marching cubes, with a
+            warning.
         max_error : float or str, optional
-            For "intersection": about the greatest distance from the exact surface, as a number of input units or as
-            "0.1%" of the diagonal of the solid's bounding box. When neither this nor `faces` is given, it is "0.02%",
-            or a twentieth of the thickness of thin walls.
+            For "intersection" and surfaces: about the greatest distance from the exact surface, as a number of input
+            units or as "0.1%" of the diagonal of the shape's bounding box. When neither this nor `faces` nor `level` is
+            given, it is "0.02%"; for "intersection", at most a twentieth of the thickness of thin walls, and for a
+            surface, the finest level of at most 524,288 triangles, if that is off by more.
         faces : int, optional
-            For "intersection": the most triangles, in place of max_error.
+            For "intersection" and surfaces: the most triangles, in place of max_error.
         normals : bool
-            Set the mesh's vertex normals from the analytic gradient.
+            Set the mesh's vertex normals: from the analytic gradient, or of the limit surface. Vertices on the sharp
+            edges of a surface then come once per side, so that its mesh has seams.
+        level : int, optional
+            Of a surface: how often the control mesh is subdivided, 0 to 6, in place of max_error.
 
         Returns
         -------
@@ -528,9 +545,11 @@ class Model:
         Raises
         ------
         OptionError
-            When an option has a wrong type or value, or options do not go together.
+            When an option has a wrong type or value, options do not go together, or one does not belong to what the
+            file holds.
         SurfaceError
-            When the solid is empty or too thin for the resolution, or asks for more than `limits` allow.
+            When the solid is empty or too thin for the resolution, a surface has no level as coarse or as fine as that,
+            or it asks for more than `limits` allow.
         MissingExtraError
             When trimesh or manifold3d is not installed.
 
@@ -572,19 +591,22 @@ class Model:
 
         Parameters
         ----------
-        resolution : int
-            Cells along the longest side of the solid's box, for marching cubes. When walls are thinner than a cell of
-            the default resolution, the surface is made by intersection, which needs the `mesh` extra.
+        resolution : int, optional
+            Of double height fields: cells along the longest side of the solid's box, for marching cubes, by default
+            256. When walls are thinner than a cell of that, the surface is made by intersection, which needs the `mesh`
+            extra.
+        level : int, optional
+            Of a surface: as for `to_mesh`.
 
         Returns
         -------
         TriangleMesh
-            vertices (N, 3) float64 and faces (M, 3) int64, closed and facing outward.
+            vertices (N, 3) float64 and faces (M, 3) int64, closed, but that of a sheet, and facing outward.
 
         Raises
         ------
         OptionError
-            When the resolution is not a whole number.
+            When an option is not a whole number, or does not belong to what the file holds.
         SurfaceError
             As for `to_mesh`.
 
@@ -608,7 +630,7 @@ class Model:
         Parameters
         ----------
         resolution : int
-            Cells along the longest side of the solid's box, 8 to 2048.
+            Cells along the longest side of the solid's box, 8 to 2048; for surfaces, too.
 
         Returns
         -------
@@ -622,6 +644,8 @@ class Model:
             When the resolution is not a whole number, or out of range.
         SurfaceError
             When the solid is empty, or asks for more than `limits` allow.
+        SheetError
+            When the file holds a sheet.
 
         Warns
         -----
@@ -660,7 +684,7 @@ class Model:
         Raises
         ------
         OptionError
-            When there are not so many.
+            When there are not so many, or the file holds a surface.
 
         Examples
         --------

@@ -28,7 +28,7 @@ class CndhfModule(torch.nn.Module):
     Raises
     ------
     OptionError
-        When it is no Model.
+        When it is no Model, or one of a surface: there are no networks then.
 
     Examples
     --------
@@ -43,6 +43,8 @@ class CndhfModule(torch.nn.Module):
     def __init__(self, model: Model) -> None:
         if not isinstance(model, Model):
             raise OptionError(f"a Model is needed; got {type(model).__name__}")
+        if model.representation != "dhf":
+            raise OptionError("the torch module is of double height fields; this file holds a surface")
         super().__init__()
         container = model.container
         self.register_buffer("centre", torch.tensor(container.centre, dtype=torch.float64))

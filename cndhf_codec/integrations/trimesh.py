@@ -9,9 +9,13 @@ from ..errors import require
 
 
 def load_cndhf(
-    file_obj: BinaryIO, file_type: str | None = None, resolution: int | None = None, **_: Any
+    file_obj: BinaryIO,
+    file_type: str | None = None,
+    resolution: int | None = None,
+    level: int | None = None,
+    **_: Any,
 ) -> dict[str, Any]:
-    """trimesh's loader of `.cndhf` streams: the mesh of `Model.to_mesh(resolution)`.
+    """trimesh's loader of `.cndhf` streams: the mesh of `Model.to_mesh`.
 
     Parameters
     ----------
@@ -20,7 +24,9 @@ def load_cndhf(
     file_type : str, optional
         Given by trimesh, and not used.
     resolution : int, optional
-        As for `Model.to_mesh`; `trimesh.load("x.cndhf", resolution=128)` passes it on.
+        Of double height fields, as for `Model.to_mesh`; `trimesh.load("x.cndhf", resolution=128)` passes it on.
+    level : int, optional
+        Of surfaces, likewise.
 
     Returns
     -------
@@ -32,7 +38,7 @@ def load_cndhf(
     FormatError
         When the stream does not hold a valid file.
     OptionError
-        When it is no binary stream, or the resolution is out of range.
+        When it is no binary stream, or the resolution or the level is out of range.
     SurfaceError
         When the solid is empty or too thin.
 
@@ -43,7 +49,7 @@ def load_cndhf(
     >>> trimesh.load_mesh("tests/golden/encoded.cndhf", resolution=16).is_watertight
     True
     """
-    mesh = load_stream(file_obj, getattr(file_obj, "name", None) or "the stream").to_mesh(resolution)
+    mesh = load_stream(file_obj, getattr(file_obj, "name", None) or "the stream").to_mesh(resolution, level=level)
     # process=False: merging vertices by position could weld parts of the surface that only touch.
     return {"vertices": mesh.vertices, "faces": mesh.faces, "process": False}
 

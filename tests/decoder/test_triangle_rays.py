@@ -59,8 +59,9 @@ def test_no_ray_slips_through_edges_and_corners(name):
 
 def test_rays_along_axes_through_corners():
     queries = TriangleQueries(*box([-0.5] * 3, [0.5] * 3))
-    hits = queries.ray_intersect(np.array([[-2, 0.5, 0.5], [-2, 0.5, 0], [-2, 0.501, 0]]), np.array([[1.0, 0, 0]] * 3))
-    np.testing.assert_allclose(hits.distance, [1.5, 1.5, np.inf])
+    origins = np.array([[-2, 0.5, 0.5], [-2, 0.5, 0], [-2, 0.501, 0], [-2, -0.501, 0], [-2, 0, -0.501]])
+    hits = queries.ray_intersect(origins, np.array([[1.0, 0, 0]] * 5))
+    np.testing.assert_allclose(hits.distance, [1.5, 1.5, np.inf, np.inf, np.inf])
 
 
 def test_from_far_away():

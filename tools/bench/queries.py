@@ -44,7 +44,7 @@ class Cost(NamedTuple):
         """Ours in microseconds, and how many times that the other takes."""
         return (
             f"{1e6 * self.wall:.3f} us (processors {1e6 * self.processors:.3f}); the other takes "
-            f"{other.wall / self.wall:.1f} times that (processors {other.processors / self.processors:.1f})"
+            f"{other.wall / self.wall:.2f} times that (processors {other.processors / self.processors:.2f})"
         )
 
 

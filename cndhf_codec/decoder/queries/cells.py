@@ -17,15 +17,22 @@ import numpy.typing as npt
 from ...arrays import F32, F64, I32, I64, Mask
 from .crossings import AFTER, CrossingTriangles, Way
 from .ragged import entries, groups
+from .vectors import cross, dot
 
 CELLS_PER_SIDE = 128  # along the longest side of the mesh
-# Cells that all triangles together may meet; a mesh of many large triangles gets larger cells.
-MOST_MEETINGS = 2**22
+# Large triangles may meet so many cells together, and each of the small ones some 8; else cells become larger. Bounds
+# the time and the memory that a mesh can ask for.
+MOST_MEETINGS = 2**21
+LEAST_PER_SIDE = 4
 PIECE_CELLS = 2.0  # triangles are cut into pieces with sides up to this before their cells are looked for
 # Cells' faces are this much farther out when triangles are looked for, in cells: more than float32 rounds positions by.
 MARGIN = 2.0**-10
+# Rounding moves a corner by 3e-14 cells at most; 30 times that and a triangle's size bound the error of its normal.
+DOUBT = 1e-12
 PAIRS_AT_ONCE = 2**16  # of points and triangles: their arrays stay in the processor's cache
-POINTS_WORTH_SLABS = 2**16  # points asked for, over all calls, from which on slabs save more time than they take
+# Points asked for, over all calls, from which on slabs save time when the points are near the surface: they take 0.1 s
+# for 50,000 triangles, and save 0.2 microseconds for such a point.
+POINTS_WORTH_SLABS = 2**19
 
 OUTSIDE, INSIDE, MET = 0, 1, 2  # states of cells
 LOW_SIDE, HIGH_SIDE = 1, 2  # bits of a slab: this side of it is inside
@@ -68,8 +75,6 @@ class CellGrid:
     """The cells around a closed mesh. May be used from several threads at once."""
 
     def __init__(self, vertices: F64, faces: I64) -> None:
-        self._faces = faces
-        self._triangles = CrossingTriangles(vertices, faces)
         lo, hi = vertices.min(axis=0), vertices.max(axis=0)
         span = float((hi - lo).max())
         self.edge = _edge(vertices[faces], span) if span > 0 else 1.0
@@ -77,11 +82,12 @@ class CellGrid:
         # box, which are common, do not lie on cells' faces, where twice as many cells meet them.
         self.shape = np.floor((hi - lo) / self.edge + 0.5).astype(np.int64) + 3
         self.origin = (lo + hi) / 2 - self.shape / 2 * self.edge
-        # Corners (3, 3, M), by corner and coordinate, in cells. numpy is slow along axes as short as 3.
-        corners = np.stack([((vertices[:, k] - self.origin[k]) / self.edge)[faces.T] for k in range(3)], axis=1)
-        self._corners = corners.astype(np.float32)
-        self._boxes = (_least(self._corners) - np.float32(MARGIN), _greatest(self._corners) + np.float32(MARGIN))
-        met = self._meetings(corners)
+        # Triangles in the order of cells: those of a cell, and of the next, are near each other in memory.
+        first = ((vertices[faces[:, 0]] - self.origin) / self.edge).astype(np.int64)
+        faces = faces[np.argsort(np.ravel_multi_index(tuple(first.T), tuple(self.shape)), kind="stable")]
+        self._vertices, self._faces = vertices, faces
+        self._triangles = CrossingTriangles(vertices, faces)
+        met = self._meetings()
         winding = self._winding_numbers(met)
         self.states = (winding > 0).astype(np.uint8)
         self.states[met.cells] = MET
@@ -93,6 +99,13 @@ class CellGrid:
         self._points_asked = 0
         self._lock = threading.Lock()
 
+    def expect(self, points: int) -> None:
+        """Say that so many points will be asked for; enough of them, over all calls, are worth slabs."""
+        with self._lock:
+            self._points_asked += points
+            if self._slabs is None and self._points_asked >= POINTS_WORTH_SLABS:
+                self._slabs = self._find_slabs()
+
     def contains(self, points: F64) -> Mask:
         """Whether the winding number around points (N, 3) is positive, (N,)."""
         at, place = self._locate(points)
@@ -101,7 +114,7 @@ class CellGrid:
         unsure = np.flatnonzero(state == MET)
         cell = self._number.take(at.take(unsure))
         place = place.take(unsure, axis=1)
-        slabs = self._make_slabs(len(points))
+        slabs = self._slabs
         if slabs is not None:
             n = slabs.planes.take(cell, axis=0)
             along = np.zeros(len(cell), np.float32)
@@ -132,11 +145,16 @@ class CellGrid:
                 flat += np.minimum(cell, np.uint32(self.shape[k] - 1), out=cell)
         return flat, place
 
-    def _meetings(self, corners: F64) -> Meetings:
-        normals = _cross(corners[1] - corners[0], corners[2] - corners[0])
-        # A normal is as exact as the products that it is a difference of.
-        doubt = 1e-12 * (_greatest(corners) - _least(corners)).max(axis=0) ** 2
-        reach = (0.5 + MARGIN) * np.abs(normals).sum(axis=0) + doubt
+    def _corners(self) -> F64:
+        """Corners (3, 3, M) of the triangles, by corner and coordinate, in cells."""
+        places = ((self._vertices[:, k] - self.origin[k]) / self.edge for k in range(3))
+        return np.stack([x[self._faces.T] for x in places], axis=1)
+
+    def _meetings(self) -> Meetings:
+        corners = self._corners()
+        normals = cross(corners[1] - corners[0], corners[2] - corners[0])
+        sizes = (_greatest(corners) - _least(corners)).max(axis=0)
+        reach = (0.5 + MARGIN) * np.abs(normals).sum(axis=0) + DOUBT * sizes * (1 + sizes)
         pieces, triangle = _in_pieces(corners, PIECE_CELLS)
         offset = (normals.take(triangle, axis=1) * (pieces[0] - 0.5)).sum(axis=0)
         lo = np.floor(_least(pieces) - MARGIN).astype(np.int64)
@@ -205,7 +223,11 @@ class CellGrid:
         last = cells + length * steps
         axis, rises = direction.astype(np.int64) // 2, direction % 2 > 0
         index = np.stack(np.unravel_index(last, tuple(self.shape)))[axis, np.arange(len(cells))]
-        lo, hi = (x.ravel() for x in self._boxes)
+        corners = self._corners()
+        lo, hi = (
+            (_least(corners) - MARGIN).astype(np.float32).ravel(),
+            (_greatest(corners) + MARGIN).astype(np.float32).ravel(),
+        )
         boxes = []
         for after in AFTER:
             at = after.take(axis).take(of) * len(self._faces) + t
@@ -261,22 +283,19 @@ class CellGrid:
         # Towards greater coordinates, a triangle that faces that way is left.
         return paths.winding.take(cells) + np.where(rises, change, -change).astype(np.int64)
 
-    def _make_slabs(self, points: int) -> Slabs | None:
-        if self._slabs is None:
-            with self._lock:
-                self._points_asked += points
-                if self._slabs is None and self._points_asked >= POINTS_WORTH_SLABS:
-                    self._slabs = self._find_slabs()
-        return self._slabs
-
     def _find_slabs(self) -> Slabs:
         met = self._met
         count = np.diff(met.start)
-        normals = _cross(self._corners[1] - self._corners[0], self._corners[2] - self._corners[0])
-        lengths = np.sqrt((normals**2).sum(axis=0))
-        units = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+        wide = self._corners()
+        normals = cross(wide[1] - wide[0], wide[2] - wide[0])
+        lengths = np.sqrt(dot(normals, normals))
+        sizes = (_greatest(wide) - _least(wide)).max(axis=0)
+        # Of length one; none for a triangle so thin that rounding turns its normal by more than the margin allows.
+        thin = lengths <= 1e4 * DOUBT * sizes * (1 + sizes)
+        units = np.where(thin, 0, normals / np.where(thin, 1, lengths)).astype(np.float32)
+        corners_of = wide.astype(np.float32)
         # The planes' normal: the mean of the triangles', by area up to that of a cell's face.
-        weighted = units * np.minimum(lengths, 1)
+        weighted = units * np.minimum(lengths, 1).astype(np.float32)
         n = np.add.reduceat(weighted.take(met.triangles, axis=1), met.start[:-1], axis=1)
         length = np.sqrt((n**2).sum(axis=0))
         n = np.where(length > 0, n / np.where(length > 0, length, 1), np.array([[0], [0], [1]], np.float32))
@@ -286,7 +305,7 @@ class CellGrid:
             own = np.repeat(np.arange(first, last), count[first:last])
             t = met.triangles[met.start[first] : met.start[last]]
             normal, unit, centre = n.take(own, axis=1), units.take(t, axis=1), centres.take(own, axis=1)
-            corners = self._corners.take(t, axis=2) - centre
+            corners = corners_of.take(t, axis=2) - centre
             along = (corners * normal).sum(axis=1)
             # In the cell, the triangle's plane has n . x = (n . unit) (unit . a) + (the rest of n) . x.
             cosine = (normal * unit).sum(axis=0)
@@ -320,8 +339,8 @@ def _edge(corners: F64, span: float) -> float:
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
     perimeter = np.linalg.norm(sides, axis=2).sum()
     n = CELLS_PER_SIDE
-    # A flat triangle meets about 3 cells per cell's face of its area, 2 per edge of its perimeter, and 8 at least.
-    while n > 8 and 3 * area * (n / span) ** 2 + 2 * perimeter * n / span + 8 * len(corners) > MOST_MEETINGS:
+    # A triangle meets about 3 cells per cell's face of its area, and 2 per edge of its perimeter.
+    while n > LEAST_PER_SIDE and 3 * area * (n / span) ** 2 + 2 * perimeter * n / span > MOST_MEETINGS:
         n //= 2
     return span / n
 
@@ -341,11 +360,6 @@ def _in_pieces(corners: F64, size: float) -> tuple[F64, I64]:
         corners = np.concatenate([np.stack([a, middle, c]), np.stack([middle, b, c])], axis=2)
         number = np.concatenate([number, number])
     return np.concatenate(done, axis=2), np.concatenate(numbers)
-
-
-def _cross(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-    """Cross products (3, N) of vectors (3, N)."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _least(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:

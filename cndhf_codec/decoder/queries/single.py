@@ -7,6 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import F64, I64
+from .vectors import cross, dot
+
+# A triangle whose height is less than this part of its longest side counts as its edges: rounding hides its normal.
+THIN = 1e-12
 
 
 class Feet(NamedTuple):
@@ -30,34 +34,39 @@ class Triangles:
         """corners: (3, 3, M), by corner and coordinate."""
         a, e, f = corners[0], corners[1] - corners[0], corners[2] - corners[0]
         g = f - e
-        n = _cross(e, f)
+        n = cross(e, f)
         self._corners = corners
-        squared = (n**2).sum(axis=0)
+        squared = dot(n, n)
+        longest = np.maximum(np.maximum(dot(e, e), dot(f, f)), dot(g, g))
+        self._thin = squared <= (THIN * longest) ** 2
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             # Vectors whose products with p - a are the foot's coordinates along e and f.
-            along_e, along_f = _cross(f, n), _cross(n, e)
+            along_e, along_f = cross(f, n), cross(n, e)
             rows = [a, e, f, along_e / squared, along_f / squared]
-            rows += [s / (s**2).sum(axis=0) for s in (e, f, g)]
-        # A triangle or an edge without length has numbers that are not finite: 0 makes its first corner the foot.
+            rows += [s / dot(s, s) for s in (e, f, g)]
+        # An edge without length has numbers that are not finite: 0 makes its first end the foot.
         self._rows = np.nan_to_num(np.concatenate(rows), copy=False, nan=0, posinf=0, neginf=0)
 
     def feet(self, triangles: I64, x: F64) -> Feet:
         """Nearest points of triangles (N,) to points x (3, N)."""
         a, e, f, along_e, along_f = self._rows[:15].take(triangles, axis=1).reshape(5, 3, -1)
         p = x - a
-        v, w = _dot(p, along_e), _dot(p, along_f)
-        within = np.minimum(np.minimum(v, w), 1 - v - w) >= 0
+        v, w = dot(p, along_e), dot(p, along_f)
+        within = (np.minimum(np.minimum(v, w), 1 - v - w) >= 0) & ~self._thin.take(triangles)
         off = np.flatnonzero(~within)
         v[off], w[off] = self._on_edges(triangles.take(off), *(s.take(off, axis=1) for s in (p, e, f)))
         p -= v * e
         p -= w * f
-        # Once more, with what is left of p: in a thin triangle, v and w have lost digits.
+        # Once more, with what is left of p: in a thin triangle, v and w have lost digits. Feet stay in the triangle.
         at = np.flatnonzero(within)
         left = p.take(at, axis=1)
-        left -= _dot(left, along_e.take(at, axis=1)) * e.take(at, axis=1)
-        left -= _dot(left, along_f.take(at, axis=1)) * f.take(at, axis=1)
+        more_v, more_w = dot(left, along_e.take(at, axis=1)), dot(left, along_f.take(at, axis=1))
+        v, w = v.take(at) + more_v, w.take(at) + more_w
+        still = np.minimum(np.minimum(v, w), 1 - v - w) >= 0
+        left -= more_v * still * e.take(at, axis=1)
+        left -= more_w * still * f.take(at, axis=1)
         p[:, at] = left
-        return Feet(_dot(p, p), x - p)
+        return Feet(dot(p, p), x - p)
 
     def hits(self, triangles: I64, origins: F64, directions: F64, frame: F64) -> Hits:
         """Hits of triangles (N,) by rays (3, N) with unit directions (3, N).
@@ -67,9 +76,9 @@ class Triangles:
         """
         corners = self._corners.take(triangles, axis=2)
         p = corners - origins
-        along = [_dot(p[i], directions) for i in range(3)]
-        u = [_dot(p[i], frame[0]) for i in range(3)]
-        v = [_dot(p[i], frame[1]) for i in range(3)]
+        along = [dot(p[i], directions) for i in range(3)]
+        u = [dot(p[i], frame[0]) for i in range(3)]
+        v = [dot(p[i], frame[1]) for i in range(3)]
         # Twice the areas of the triangles that the ray makes with the edges opposite to each corner.
         areas = [u[j] * v[k] - u[k] * v[j] for j, k in ((1, 2), (2, 0), (0, 1))]
         total = areas[0] + areas[1] + areas[2]
@@ -78,42 +87,29 @@ class Triangles:
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (areas[0] * along[0] + areas[1] * along[1] + areas[2] * along[2]) / total
         hit = ((least >= 0) | (greatest <= 0)) & (total != 0) & (distance >= 0)
-        n = _cross(corners[1] - corners[0], corners[2] - corners[0])
-        length = np.sqrt(_dot(n, n))
+        n = cross(corners[1] - corners[0], corners[2] - corners[0])
+        length = np.sqrt(dot(n, n))
         hit &= length > 0
         return Hits(np.where(hit, distance, np.inf), n / np.where(length > 0, length, 1))
 
     def _on_edges(self, triangles: I64, p: F64, e: F64, f: F64) -> tuple[F64, F64]:
         """Coordinates along e and f, (N,) each, of the edges' nearest points to a + p."""
         over_e, over_f, over_g = self._rows[15:].take(triangles, axis=1).reshape(3, 3, -1)
-        best_v = np.clip(_dot(p, over_e), 0, 1)
+        best_v = np.clip(dot(p, over_e), 0, 1)
         best_w = np.zeros_like(best_v)
         rest = p - best_v * e
-        best = _dot(rest, rest)
-        w = np.clip(_dot(p, over_f), 0, 1)
+        best = dot(rest, rest)
+        w = np.clip(dot(p, over_f), 0, 1)
         rest = p - w * f
-        squared = _dot(rest, rest)
+        squared = dot(rest, rest)
         nearer = squared < best
         np.copyto(best_v, 0, where=nearer)
         np.copyto(best_w, w, where=nearer)
         np.copyto(best, squared, where=nearer)
-        w = np.clip(_dot(p - e, over_g), 0, 1)
+        w = np.clip(dot(p - e, over_g), 0, 1)
         rest = p - (1 - w) * e
         rest -= w * f
-        nearer = _dot(rest, rest) < best
+        nearer = dot(rest, rest) < best
         np.copyto(best_v, 1 - w, where=nearer)
         np.copyto(best_w, w, where=nearer)
         return best_v, best_w
-
-
-def _dot(a: F64, b: F64) -> F64:
-    """Scalar products (N,) of vectors (3, N)."""
-    out = a[0] * b[0]
-    out += a[1] * b[1]
-    out += a[2] * b[2]
-    return out
-
-
-def _cross(a: F64, b: F64) -> F64:
-    """Cross products (3, N) of vectors (3, N)."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

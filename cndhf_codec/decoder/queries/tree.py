@@ -21,8 +21,8 @@ PAIRS_AT_ONCE = 2**15  # of queries and nodes, looked at together
 
 # Much more than rounding can be off by, in squares, too: in units of the greatest coordinate, and as a factor.
 MARGIN, SLACK = 1e-11, 1 + 1e-9
-# Going down to a first triangle, the squared distance of a box's centre counts this much beside that of the box. 0.3 to
-# 0.001 were tried.
+# On the way down to a first triangle, the squared distance of a box's centre counts this much beside that of the box.
+# Next to the surface, 1 to 0.05 lead to triangles that are farther off (armadillo: 0.029 to 0.012, against 0.006).
 BOX_CENTRE_WEIGHT = 0.01
 
 
@@ -104,7 +104,7 @@ class BoxTree:
         # Rays start where they enter the box around all, so that no rounding is greater than that of the box's numbers.
         lo, hi = self._box[0][:, None] - self._margin, self._box[1][:, None] + self._margin
         d = np.ascontiguousarray(directions.T)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             inverse = 1 / d
         enter, leave = _clip(lo - origins.T, hi - origins.T, inverse)
         meets_box = enter <= leave

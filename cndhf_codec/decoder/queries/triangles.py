@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from .cells import CellGrid
     from .tree import BoxTree
 
-# Points of a piece of `contains`: a thread holds about 20 MB then. Half of it takes a fifth more time.
+# Points of a piece of `contains`: a thread holds about 30 MB then. Half as many take a fifth more time.
 POINTS_AT_ONCE = 2**17
 NEAREST_AT_ONCE = 2**15  # points or rays of a piece of the others, which hold about 40 MB
+FARTHEST = 1e150  # its square is finite
 
 
 class TriangleQueries:
@@ -37,8 +38,9 @@ class TriangleQueries:
 
     Notes
     -----
-    Besides the mesh, `contains` keeps up to 10 MB, and 100 bytes per pair of a triangle and a cell that it meets, of
-    which there are 4 million at most and 6 per triangle in a mesh of 50,000. The others keep 450 bytes per triangle.
+    Besides the mesh, `contains` keeps up to 12 MB, and 80 bytes per pair of a triangle and a cell that it meets: 29 MB
+    for 50,000 triangles. A triangle smaller than a cell meets 8 at most; larger ones together some 2 million. The other
+    queries keep 360 bytes per triangle.
     """
 
     def __init__(self, vertices: F64, faces: I64) -> None:
@@ -56,7 +58,7 @@ class TriangleQueries:
 
         Parameters
         ----------
-        points : ndarray of float64, shape (N, 3)
+        points : ndarray of float32 or float64, shape (N, 3)
             Points. One that is not finite is outside.
 
         Returns
@@ -68,9 +70,10 @@ class TriangleQueries:
         if not len(self._faces):
             return out
         cells = self._grid()
+        cells.expect(len(points))
 
         def work(first: int, last: int) -> None:
-            out[first:last] = cells.contains(points[first:last])
+            out[first:last] = cells.contains(points[first:last].astype(np.float64, copy=False))
 
         over_rows(work, len(points), POINTS_AT_ONCE)
         return out
@@ -80,26 +83,26 @@ class TriangleQueries:
 
         Parameters
         ----------
-        points : ndarray of float64, shape (N, 3)
+        points : ndarray of float32 or float64, shape (N, 3)
             Points.
 
         Returns
         -------
         NearestPoints
-            Exact up to the rounding of float64. For a point that is not finite, or a mesh without faces, the distance
-            is inf, the face -1 and the point NaN; with a NaN, the distance is NaN.
+            Exact up to the rounding of float64. For a point that is not finite or beyond 1e150, or a mesh without
+            faces, the distance is inf, the face -1 and the point NaN; with a NaN, the distance is NaN.
         """
         distance = np.where(np.isnan(points).any(axis=1), np.nan, np.inf)
         face, point = np.full(len(points), -1), np.full((len(points), 3), np.nan)
         if len(self._faces):
             tree = self._box_tree()
-            finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+            near = np.flatnonzero(np.abs(points).max(axis=1, initial=0) < FARTHEST)  # NaN is not
 
             def work(first: int, last: int) -> None:
-                part = finite[first:last]
-                distance[part], face[part], point[part] = tree.nearest(points[part])
+                part = near[first:last]
+                distance[part], face[part], point[part] = tree.nearest(points[part].astype(np.float64, copy=False))
 
-            over_rows(work, len(finite), NEAREST_AT_ONCE)
+            over_rows(work, len(near), NEAREST_AT_ONCE)
         return NearestPoints(distance, face, point)
 
     def distance(self, points: F64) -> F64:
@@ -107,14 +110,14 @@ class TriangleQueries:
 
         Parameters
         ----------
-        points : ndarray of float64, shape (N, 3)
+        points : ndarray of float32 or float64, shape (N, 3)
             Points.
 
         Returns
         -------
         ndarray of float64, shape (N,)
             Distance from the nearest triangle, exact up to the rounding of float64; where parts overlap, that may be
-            one inside the solid. -inf for a point that is not finite, or a mesh without faces; NaN for one with a NaN.
+            one inside the solid. -inf and NaN where `nearest` gives inf and NaN.
         """
         distance = self.nearest(points).distance
         return np.negative(distance, out=distance, where=~self.contains(points))
@@ -124,7 +127,7 @@ class TriangleQueries:
 
         Parameters
         ----------
-        origins, directions : ndarray of float64, shape (N, 3)
+        origins, directions : ndarray of float32 or float64, shape (N, 3)
             Directions may have any length but zero.
 
         Returns
@@ -139,13 +142,15 @@ class TriangleQueries:
         if len(self._faces):
             tree = self._box_tree()
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                d = directions / np.abs(directions).max(axis=1, keepdims=True)  # else its square may overflow or vanish
+                d = directions.astype(np.float64, copy=False)
+                d = d / np.abs(d).max(axis=1, keepdims=True)  # else its square may overflow or vanish
                 d /= np.linalg.norm(d, axis=1, keepdims=True)
-            valid = np.flatnonzero(np.isfinite(d).all(axis=1) & np.isfinite(origins).all(axis=1))
+            o = origins.astype(np.float64, copy=False)
+            valid = np.flatnonzero(np.isfinite(d).all(axis=1) & np.isfinite(o).all(axis=1))
 
             def work(first: int, last: int) -> None:
                 part = valid[first:last]
-                distance[part], point[part], normal[part] = tree.first_hits(origins[part], d[part])
+                distance[part], point[part], normal[part] = tree.first_hits(o[part], d[part])
 
             over_rows(work, len(valid), NEAREST_AT_ONCE)
         return RayHits(distance, point, normal)

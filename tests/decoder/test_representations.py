@@ -1,0 +1,280 @@
+"""What holds for a `Model` of either representation; and what only surfaces do."""
+
+from __future__ import annotations
+
+import pickle
+
+import analytic
+import manifolds
+import numpy as np
+import pytest
+import surfaces
+from analytic import slab
+
+from cndhf_codec import Limits, loads
+from cndhf_codec.decoder import Model
+from cndhf_codec.decoder.queries import TriangleQueries
+from cndhf_codec.decoder.surface import representation
+from cndhf_codec.decoder.surface.levels import distance_from_limit, first_level, next_level
+from cndhf_codec.decoder.surface.subdivision import topology_of
+from cndhf_codec.errors import OptionError, SectionError, SheetError, SurfaceError
+
+CENTRE, SCALE = (10.0, -20.0, 30.0), 4.0
+CUBES = {
+    "dhf": lambda **where: analytic.model(slab((-0.5,) * 3, (0.5,) * 3), **where),
+    "surface": surfaces.cube,
+}
+
+
+@pytest.fixture(params=CUBES)
+def kind(request):
+    return request.param
+
+
+@pytest.fixture
+def cube(kind):
+    """The cube of side 4 around (10, -20, 30), as a file holds it."""
+    return loads(CUBES[kind](centre=CENTRE, scale=SCALE).dumps())
+
+
+@pytest.fixture
+def points():
+    return np.random.default_rng(0).uniform(-1, 1, (3000, 3)) * 3 + CENTRE
+
+
+def box_distance(points):
+    q = np.abs(points - CENTRE) - SCALE / 2
+    return -(np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(axis=-1), 0))
+
+
+def test_it_says_what_it_is(cube, kind):
+    assert cube.representation == cube.info["representation"] == kind
+    assert ("dhfs" in cube.info) == (kind == "dhf")
+    assert sum(cube.info["sections"].values()) == cube.info["bytes"] == len(cube.dumps())
+
+
+def test_in_and_out(cube, points):
+    expected = box_distance(points)
+    sure = np.abs(expected) > 1e-5
+    assert np.array_equal(cube.contains(points)[sure], expected[sure] > 0)
+    assert np.array_equal((cube.implicit(points) > 0)[sure], expected[sure] > 0)
+    assert not cube.contains([[np.nan, 0, 0], [np.inf, 0, 0]]).any()
+
+
+def test_distances_have_the_sign_of_the_side(cube, kind, points):
+    expected = box_distance(points)
+    found = cube.distance(points)
+    # Marching cubes cuts the edges of the cube by less than a cell.
+    np.testing.assert_allclose(found, expected, atol=1e-12 if kind == "surface" else SCALE / 256)
+    near = cube.nearest(points)
+    np.testing.assert_allclose(near.distance, np.abs(found), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(near.point - points, axis=1), near.distance, atol=1e-9)
+
+
+def test_gradients_and_normals_point_outward(cube):
+    on_faces = np.array([(2, 0.3, 0.1), (0.2, -2, 0.4), (0.1, 0.3, 2)]) + CENTRE
+    outward = [(1, 0, 0), (0, -1, 0), (0, 0, 1)]
+    np.testing.assert_allclose(cube.normals(on_faces), outward, atol=1e-5)
+    for inwards in (0, 0.05, -0.05):
+        f, g = cube.implicit(on_faces - inwards * np.array(outward), gradient=True)
+        np.testing.assert_allclose(f, inwards, atol=1e-5)
+        np.testing.assert_allclose(g, -np.array(outward), atol=1e-5)
+
+
+def test_rays(cube):
+    hits = cube.ray_intersect([[0, -20, 30.5], CENTRE, [0, 0, 0]], [[5, 0, 0], [0, 0, 1], [0, 1, 0]])
+    np.testing.assert_allclose(hits.distance, [8, 2, np.inf], atol=1e-4)
+    np.testing.assert_allclose(hits.point[:2], [(8, -20, 30.5), (10, -20, 32)], atol=1e-4)
+    np.testing.assert_allclose(hits.normal[:2], [(-1, 0, 0), (0, 0, 1)], atol=1e-5)
+    assert np.isnan(hits.point[2]).all()
+    single = cube.ray_intersect(np.float32([0, -20, 30]), np.float32([1, 0, 0]))
+    assert single.distance.dtype == np.float32
+    assert single.distance.shape == ()
+
+
+def test_shapes_of_points_are_kept_and_pieces_do_not_matter(cube, kind, points, monkeypatch):
+    whole = {name: getattr(cube, name)(points) for name in ("contains", "implicit", "distance", "normals")}
+    monkeypatch.setattr(type(cube._shape), "points_at_once", 100)
+    for name, expected in whole.items():
+        shaped = getattr(cube, name)(points.reshape(3, 1000, 3))
+        assert shaped.shape == (3, 1000, *expected.shape[1:])
+        np.testing.assert_allclose(shaped.reshape(expected.shape), expected, atol=1e-5)
+        assert getattr(cube, name)(np.empty((0, 3))).shape == (0, *expected.shape[1:])
+        with pytest.raises(OptionError, match=r"\(\.\.\., 3\)"):
+            getattr(cube, name)(np.zeros((4, 2)))
+
+
+def test_meshes_are_watertight_and_lie_on_the_surface(cube):
+    mesh = cube.to_mesh()
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(SCALE**3, rel=1e-4)
+    assert np.abs(box_distance(mesh.vertices)).max() < SCALE / 256
+    vertices, faces = cube.surface()
+    np.testing.assert_array_equal(faces, mesh.faces)
+    np.testing.assert_allclose(vertices * SCALE + CENTRE, mesh.vertices, atol=1e-12)
+
+
+def test_grids(cube):
+    grid, origin, spacing = cube.occupancy(16)
+    inner = box_distance(origin + spacing * np.argwhere(grid))
+    outer = box_distance(origin + spacing * np.argwhere(~grid))
+    assert inner.min() > 0 > outer.max()
+    assert not grid[[0, -1]].any()
+    with pytest.raises(OptionError, match="8 to 2048"):
+        cube.occupancy(4)
+    cube.limits = Limits(nodes=1000)
+    with pytest.raises(SurfaceError, match="nodes"):
+        cube.occupancy(64)
+
+
+def test_copies_answer_alike(cube, points):
+    twin = pickle.loads(pickle.dumps(cube))
+    assert np.array_equal(twin.contains(points), cube.contains(points))
+
+
+def test_options_of_the_other_kind_are_refused():
+    with pytest.raises(OptionError, match="level belongs to surfaces"):
+        CUBES["dhf"]().to_mesh(level=1)
+    for options in ({"resolution": 64}, {"method": "intersection"}):
+        with pytest.raises(OptionError, match="belong to double height fields"):
+            surfaces.cube().to_mesh(**options)
+    with pytest.raises(OptionError, match="belong to double height fields"):
+        surfaces.cube().surface(64)
+    with pytest.raises(OptionError, match="level belongs"):
+        CUBES["dhf"]().surface(level=1)
+    with pytest.raises(OptionError, match="prefix belongs to double height fields"):
+        surfaces.cube().prefix(1)
+    with pytest.raises(OptionError, match="heights belongs to double height fields"):
+        surfaces.cube().heights(0, [0, 0])
+    from cndhf_codec import loads_prefix
+
+    with pytest.raises(SectionError, match="only be read as a whole"):
+        loads_prefix(surfaces.cube().dumps())
+
+
+def test_info_of_surfaces():
+    info = surfaces.shell().info
+    wanted = {"vertices": 16, "faces": 24, "sharp_edges": 36, "components": 2, "closed": True}
+    assert {key: info[key] for key in wanted} == wanted
+    assert not surfaces.sheet().info["closed"]
+    many = manifolds.KINDS["triangles"]
+    assert Model(surfaces.container(many, np.random.default_rng(0).random((300, 3)))).info["components"] == 100
+
+
+def test_a_cavity_is_outside():
+    shell = surfaces.shell()
+    assert shell.contains([[0, 0, 0], [0.3, 0.3, 0.3], [0.6, 0, 0]]).tolist() == [False, True, False]
+    np.testing.assert_allclose(shell.distance([[0, 0, 0], [0.35, 0, 0]]), [-0.25, 0.1], atol=1e-12)
+    assert shell.to_mesh().volume == pytest.approx(7 / 8)
+
+
+def test_parts_that_overlap_are_united():
+    faces = manifolds.together(surfaces.CUBE, surfaces.CUBE)
+    moved = surfaces.CORNERS + np.array((0.5, 0.25, 0.25))
+    corners = np.concatenate([surfaces.CORNERS, moved])
+    two = Model(surfaces.container(faces, corners, surfaces.edges_of(faces)))
+    assert two.contains([[0.75, 0.5, 0.5], [1.25, 0.5, 0.5], [1.25, 0.1, 0.5]]).tolist() == [True, True, False]
+
+
+def test_a_polyhedron_needs_no_subdivision():
+    assert len(surfaces.cube().to_mesh().faces) == 12
+    assert len(surfaces.cube().to_mesh(max_error="0.00001%").faces) == 12
+
+
+@pytest.mark.parametrize("make", [surfaces.ball, surfaces.sheet])
+def test_the_level_follows_from_the_error(make):
+    model = make()
+    exact = model.surface(level=6).vertices
+    diagonal = np.linalg.norm(np.ptp(exact, axis=0))
+    counts = []
+    for percent in (3, 0.3, 0.03):
+        mesh = model.to_mesh(max_error=f"{percent}%")
+        counts.append(len(mesh.faces))
+        off = TriangleQueries(mesh.vertices, mesh.faces).nearest(exact).distance.max() / diagonal
+        assert off <= 1.1 * percent / 100
+        assert 16 * off > percent / 100 or len(mesh.faces) == model.info["faces"]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+
+def test_the_estimate_of_the_error_is_the_distance():
+    control = surfaces.ball().container.surface
+    level = first_level(topology_of(control.faces, 6, control.sharp), control.vertices)
+    exact = surfaces.ball().surface(level=6).vertices
+    for _ in range(4):
+        off = TriangleQueries(level.limit, level.topology.faces).nearest(exact).distance.max()
+        assert distance_from_limit(level) == pytest.approx(off, rel=0.25)
+        level = next_level(level)
+
+
+def test_numbers_of_triangles_and_levels():
+    ball = surfaces.ball()
+    assert [len(ball.to_mesh(level=k).faces) for k in range(4)] == [8, 32, 128, 512]
+    assert [len(ball.to_mesh(faces=n).faces) for n in (8, 31, 32, 127, 10**9)] == [8, 8, 32, 32, 8 * 4**6]
+    with pytest.raises(SurfaceError, match="8 triangles: ask for 8 or more"):
+        ball.to_mesh(faces=7)
+    with pytest.raises(OptionError, match="0 to 6"):
+        ball.to_mesh(level=7)
+    with pytest.raises(OptionError, match="one of level, max_error and faces"):
+        ball.to_mesh(level=1, faces=100)
+    with pytest.raises(SurfaceError, match="raise max_error"):
+        ball.to_mesh(max_error=1e-12)
+    ball.limits = Limits(vertices=100)
+    with pytest.raises(SurfaceError, match="level 3 has 258 vertices; 100 are allowed"):
+        ball.to_mesh(level=3)
+    with pytest.raises(SurfaceError, match="level 2, the finest one that is allowed"):
+        ball.to_mesh(max_error="0.001%")
+
+
+def test_by_default_triangles_are_not_too_many(monkeypatch):
+    monkeypatch.setattr(representation, "DEFAULT_MAX_FACES", 200)
+    assert len(surfaces.ball().to_mesh().faces) == 128
+
+
+def test_vertices_of_every_level_lie_on_the_limit():
+    ball = surfaces.ball()
+    finest = ball.surface(level=5).vertices
+    for k in range(4):
+        vertices = ball.surface(level=k).vertices
+        np.testing.assert_allclose(finest[: len(vertices)], vertices, atol=1e-12)
+
+
+def test_normals_of_meshes_keep_creases_sharp():
+    mesh = surfaces.cube().to_mesh(normals=True)
+    assert len(mesh.vertices) == 36  # all edges are sharp, the diagonals too
+    of_faces = mesh.vertex_normals[mesh.faces]
+    np.testing.assert_allclose(of_faces, np.repeat(mesh.face_normals[:, None], 3, axis=1), atol=1e-12)
+    smooth = surfaces.ball().to_mesh(level=3, normals=True)
+    assert smooth.is_watertight
+    outward = smooth.vertices / np.linalg.norm(smooth.vertices, axis=1, keepdims=True)
+    assert (smooth.vertex_normals * outward).sum(axis=1).min() > 0.98
+    normals = surfaces.ball().normals(smooth.vertices)
+    assert (normals * smooth.vertex_normals).sum(axis=1).min() > 0.9999
+
+
+@pytest.mark.parametrize("name", ["contains", "implicit", "distance"])
+def test_a_sheet_has_no_inside(name, points):
+    sheet = loads(surfaces.sheet().dumps())
+    with pytest.raises(SheetError, match="--thicken"):
+        getattr(sheet, name)(points)
+    with pytest.raises(SheetError, match="nearest points"):
+        sheet.occupancy(16)
+
+
+def test_faces_that_disagree_have_no_inside():
+    faces = surfaces.OCTAHEDRON.copy()
+    faces[0] = faces[0, ::-1]
+    with pytest.raises(SheetError, match="disagree"):
+        Model(surfaces.container(faces, surfaces.TIPS)).contains([[0, 0, 0]])
+
+
+def test_what_a_sheet_answers():
+    sheet = surfaces.sheet()
+    mesh = sheet.to_mesh()
+    assert not mesh.is_watertight
+    point = np.array([0.5, 0.5, 1.0])
+    near = sheet.nearest(point)
+    assert near.distance == pytest.approx(1 - near.point[2], abs=0.02)
+    hit = sheet.ray_intersect(point, [0, 0, -1])
+    assert hit.point[2] == pytest.approx(0.1 * np.sin(3), abs=0.01)
+    assert abs(hit.normal @ sheet.normals(hit.point)) > 0.99
