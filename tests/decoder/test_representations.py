@@ -197,13 +197,13 @@ def test_the_level_follows_from_the_error(make):
     assert counts[0] < counts[-1]
 
 
-def test_the_estimate_of_the_error_is_the_distance():
+def test_the_estimate_of_the_error_is_about_the_distance():
     control = surfaces.ball().container.surface
     level = first_level(topology_of(control.faces, 6, control.sharp), control.vertices)
     exact = surfaces.ball().surface(level=6).vertices
-    for _ in range(4):
+    for allowed in (0.3, 0.1, 0.1, 0.1):
         off = TriangleQueries(level.limit, level.topology.faces).nearest(exact).distance.max()
-        assert distance_from_limit(level) == pytest.approx(off, rel=0.25)
+        assert distance_from_limit(level) == pytest.approx(off, rel=allowed)
         level = next_level(level)
 
 

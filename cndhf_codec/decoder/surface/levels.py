@@ -50,7 +50,8 @@ def distance_from_limit(level: Level) -> float:
     Measured at the points of the limit surface that belong to the middles of edges, which are limit points of the next
     level: from the planes of the triangles beside them, as gliding within a plane does no harm; of sharp edges from the
     edge, too. Within a triangle, the surface is taken as quadratic: its centre is then off by 4/9 of the sum of its
-    three edges.
+    three edges. On meshes with random vertices this is 0.9 to 2 times the distance from level 1 on; on level 0 it may
+    be 0.74 times.
     """
     mesh, limit = level.topology, level.limit
     middle = _limit_of_edges(level)
