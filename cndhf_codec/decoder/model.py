@@ -332,7 +332,8 @@ class Model:
         -------
         ndarray of float64, shape (...)
             In input units: the distance from the mesh that `to_mesh()` makes by default, exact up to rounding. So it is
-            off by at most what that mesh is. -inf for a point that is not finite; NaN for one with a NaN.
+            off by at most what that mesh is: of a surface, by 0.02 % of the diagonal of its bounding box, but for 1 %
+            of the edges. -inf for a point that is not finite; NaN for one with a NaN.
 
         Raises
         ------
@@ -527,8 +528,9 @@ class Model:
         max_error : float or str, optional
             For "intersection" and surfaces: about the greatest distance from the exact surface, as a number of input
             units or as "0.1%" of the diagonal of the shape's bounding box. When neither this nor `faces` nor `level` is
-            given, it is "0.02%"; for "intersection", at most a twentieth of the thickness of thin walls, and for a
-            surface, the finest level of at most 524,288 triangles, if that is off by more.
+            given, it is "0.02%"; for "intersection", at most a twentieth of the thickness of thin walls. A surface then
+            keeps to it but for 1 % of its edges, on average within a quarter of it; its level is the finest with at
+            most 524,288 triangles, if that is off by more.
         faces : int, optional
             For "intersection" and surfaces: the most triangles, in place of max_error.
         normals : bool

@@ -15,7 +15,7 @@ from cndhf_codec import Limits, loads
 from cndhf_codec.decoder import Model
 from cndhf_codec.decoder.queries import TriangleQueries
 from cndhf_codec.decoder.surface import representation
-from cndhf_codec.decoder.surface.levels import distance_from_limit, first_level, next_level
+from cndhf_codec.decoder.surface.levels import distances_from_limit, first_level, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.errors import OptionError, SectionError, SheetError, SurfaceError
 
@@ -203,7 +203,7 @@ def test_the_estimate_of_the_error_is_about_the_distance():
     exact = surfaces.ball().surface(level=6).vertices
     for allowed in (0.3, 0.1, 0.1, 0.1):
         off = TriangleQueries(level.limit, level.topology.faces).nearest(exact).distance.max()
-        assert distance_from_limit(level) == pytest.approx(off, rel=allowed)
+        assert distances_from_limit(level).greatest == pytest.approx(off, rel=allowed)
         level = next_level(level)
 
 
@@ -224,6 +224,41 @@ def test_numbers_of_triangles_and_levels():
         ball.to_mesh(level=3)
     with pytest.raises(SurfaceError, match="level 2, the finest one that is allowed"):
         ball.to_mesh(max_error="0.001%")
+
+
+def test_the_default_level_is_the_coarsest_that_is_close_but_for_a_hundredth():
+    ball = surfaces.ball()
+    exact = ball.surface(level=6).vertices
+    diagonal = np.linalg.norm(np.ptp(exact, axis=0))
+    level = round(np.log(len(ball.to_mesh().faces) / 8) / np.log(4))
+    beyond = []
+    for k in (level - 1, level):
+        vertices, faces = ball.surface(level=k)
+        beyond.append(np.mean(TriangleQueries(vertices, faces).nearest(exact).distance > 2e-4 * diagonal))
+    assert beyond[0] > 0.02
+    assert beyond[1] < 0.02
+
+
+def test_a_single_bump_does_not_divide_everything():
+    # A plane with a tip in its middle: only there the triangles are far off.
+    faces = manifolds.grid(40, 40)
+    x, y = (n / 40 for n in np.divmod(np.arange(41 * 41), 41))
+    z = 0.01 * (np.hypot(x - 0.5, y - 0.5) < 0.02)
+    model = Model(surfaces.container(faces, np.column_stack([x, y, z])))
+    assert len(model.to_mesh().faces) < len(model.to_mesh(max_error="0.02%").faces)
+
+
+def test_surfaces_without_faces_and_without_extent():
+    none = Model(surfaces.container(np.empty((0, 3)), np.empty((0, 3))))
+    assert loads(none.dumps()).info["components"] == 0
+    for use in (none.to_mesh, lambda: none.contains([0, 0, 0]), lambda: none.nearest([0, 0, 0]), none.surface):
+        with pytest.raises(SurfaceError, match="no faces"):
+            use()
+    point = Model(surfaces.container(surfaces.OCTAHEDRON, np.zeros((6, 3))))
+    assert len(point.to_mesh(normals=True).faces) == 8
+    assert not point.contains([0.1, 0, 0])
+    with pytest.raises(SurfaceError, match="a point"):
+        point.occupancy(16)
 
 
 def test_by_default_triangles_are_not_too_many(monkeypatch):
