@@ -352,8 +352,8 @@ class Model:
         --------
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
-        >>> model.distance([[20, 10, 100]]).round()
-        array([-92.])
+        >>> model.distance([[10, 5, 5], [20, 10, 10]]).round()
+        array([ 2., -2.])
         """
         return self._in_pieces(points, self._shape.distance) * self.container.scale
 
@@ -382,7 +382,7 @@ class Model:
         --------
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
-        >>> model.nearest([20, 10, 100]).point.round()
+        >>> model.nearest([20, 10, 10]).point.round()
         array([20., 10.,  8.])
         """
         array = vectors(points, 3)

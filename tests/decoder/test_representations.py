@@ -15,7 +15,7 @@ from cndhf_codec import Limits, loads
 from cndhf_codec.decoder import Model
 from cndhf_codec.decoder.queries import TriangleQueries
 from cndhf_codec.decoder.surface import representation
-from cndhf_codec.decoder.surface.levels import distances_from_limit, first_level, next_level
+from cndhf_codec.decoder.surface.levels import Level, distances_from_limit, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.errors import OptionError, SectionError, SheetError, SurfaceError
 
@@ -199,7 +199,7 @@ def test_the_level_follows_from_the_error(make):
 
 def test_the_estimate_of_the_error_is_about_the_distance():
     control = surfaces.ball().container.surface
-    level = first_level(topology_of(control.faces, 6, control.sharp), control.vertices)
+    level = Level(0, topology_of(control.faces, 6, control.sharp), control.vertices)
     exact = surfaces.ball().surface(level=6).vertices
     for allowed in (0.3, 0.1, 0.1, 0.1):
         off = TriangleQueries(level.limit, level.topology.faces).nearest(exact).distance.max()

@@ -32,8 +32,10 @@ class Weights(NamedTuple):
 
     def apply(self, vertices: F64) -> F64:
         """(n_rows, 3) the points, for vertices (V, 3)."""
-        terms = vertices[self.columns] * self.weights[:, None]
-        return np.column_stack([np.bincount(self.rows, terms[:, k], self.n_rows) for k in range(3)])
+        # A coordinate at a time: numpy is twice as slow along rows of three.
+        return np.column_stack(
+            [np.bincount(self.rows, x[self.columns] * self.weights, self.n_rows) for x in vertices.T]
+        )
 
 
 @dataclass(frozen=True, eq=False)
