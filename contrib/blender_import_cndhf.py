@@ -25,7 +25,9 @@ def import_cndhf(path, resolution=256, smooth=True):
     """A new object in the active collection, of the surface of a `.cndhf` file. Raises cndhf_codec.CndhfError."""
     import cndhf_codec  # here: the add-on can be switched on, and say what is missing, without the package
 
-    surface = cndhf_codec.load(path).to_mesh(resolution)
+    model = cndhf_codec.load(path)
+    # A surface has no resolution: its default mesh is within 0.02 % of it.
+    surface = model.to_mesh(resolution) if model.representation == "dhf" else model.to_mesh()
     mesh = bpy.data.meshes.new(Path(path).stem)
     mesh.from_pydata(surface.vertices, [], surface.faces)
     mesh.polygons.foreach_set("use_smooth", [smooth] * len(mesh.polygons))

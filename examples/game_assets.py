@@ -10,12 +10,21 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import cndhf_codec
 from cndhf_codec.decoder.meshfile import write_mesh
 
 EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".glb")
 FINEST = 128  # grid cells along the longest side, of the first level
+FINEST_OF_SURFACE = 2  # steps of subdivision, of the first level; the control mesh itself is the third
+
+
+def level_of_detail(model: cndhf_codec.Model, level: int) -> Any:
+    """The mesh of a level, 0 the finest, for files of either representation."""
+    if model.representation == "dhf":
+        return model.to_mesh(FINEST >> level, normals=True)
+    return model.to_mesh(level=max(FINEST_OF_SURFACE - level, 0), normals=True)
 
 
 def build(meshes: Path, kept: Path, built: Path, preset: str = "default", lods: int = 3) -> list[str]:
@@ -34,7 +43,7 @@ def build(meshes: Path, kept: Path, built: Path, preset: str = "default", lods: 
                 cndhf_codec.encode(source, preset=preset).save(stored, overwrite=True)
             model = cndhf_codec.load(stored)
             for level in range(lods):
-                mesh = model.to_mesh(FINEST >> level, normals=True)
+                mesh = level_of_detail(model, level)
                 write_mesh(mesh, built / f"{source.stem}.lod{level}.glb", overwrite=True, with_normals=True)
         except cndhf_codec.CndhfError as exc:
             failures.append(f"{source.name}: {exc}")

@@ -49,7 +49,7 @@ def shell() -> Model:
     return Model(container(faces, np.concatenate([CORNERS - 0.5, (CORNERS - 0.5) / 2]), edges_of(faces)))
 
 
-def sheet() -> Model:
+def sheet(**where: object) -> Model:
     """A wavy sheet over the unit square."""
     x, y = (n / 6 for n in np.divmod(np.arange(49), 7))
-    return Model(container(manifolds.grid(6, 6), np.column_stack([x, y, 0.1 * np.sin(6 * x)])))
+    return Model(container(manifolds.grid(6, 6), np.column_stack([x, y, 0.1 * np.sin(6 * x)]), **where))

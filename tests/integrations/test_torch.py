@@ -5,6 +5,7 @@ from __future__ import annotations
 import analytic
 import numpy as np
 import pytest
+import surfaces
 import torch
 from analytic import ABOUT_Y_90, waves
 
@@ -92,3 +93,8 @@ def test_wrong_types(model):
             module.heights(0, wrong)
     with pytest.raises(OptionError, match="a whole number is needed"):
         module.heights("0", torch.zeros(2))
+
+
+def test_a_surface_has_no_networks():
+    with pytest.raises(OptionError, match="holds a surface"):
+        CndhfModule(surfaces.ball())
