@@ -33,6 +33,7 @@ from .settings import DhfSettings, PaperSettings, Preset, Representation, Settin
 from .size_search import smallest_file
 
 VERIFY_SHARE = 0.1  # of a time limit
+VERIFY_ERROR = "0.1%"  # most distance of the measured mesh from the limit surface, which few places come near to
 LARGEST_SEED = 2**32 - 1
 
 
@@ -237,14 +238,14 @@ class _Surfaces:
             made = prepare(source, wall)
             solid_or_error(made)
         _report_input(report, made)
-        vertices, faces = made.reference
-        report.bodies = bodies_of_surface(vertices, faces).scaled(made.norm.scale)
+        report.bodies = bodies_of_solid(made.solid, seed).scaled(made.norm.scale)
         return _Source(made.given.name, made, made.reference, made.norm)
 
     def encode(self, source: _Source, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
         assert isinstance(settings, SurfaceSettings)
         other = HEADER_SIZE + CRC_SIZE + 2 * TABLE_ENTRY_SIZE + len(pack_metadata(metadata))
-        mesh = self._surface(*source.reference, settings, other, run.seed, run.clock, deadline)
+        solid = source.prepared.solid
+        mesh = self._surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
         container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=mesh)
         return _Made(container, 1.0, 1.0, 0.0)
 
@@ -283,7 +284,10 @@ class _Run:
         # Measure what a user would decode from the bytes on disk.
         try:
             decoded = loads(Model(made.container).dumps())
-            surface = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
+            if isinstance(settings, SurfaceSettings):
+                surface = decoded.to_mesh(max_error=VERIFY_ERROR)
+            else:
+                surface = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
         except SurfaceError as exc:
             raise EncodeError(
                 f"{source.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
@@ -306,7 +310,10 @@ class _Run:
             unknown=made.unknown,
             normalised=measured,
             distances=distances,
-            decoded=bodies_of_surface(np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)),
+            decoded=replace(
+                bodies_of_surface(np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)),
+                closed=bool(surface.is_watertight),
+            ),
         )
         return model
 

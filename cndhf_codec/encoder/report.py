@@ -83,7 +83,7 @@ class Report:
             )
         if made.minor > given.minor:
             out.append(f"the result has {counted(made.minor - given.minor, 'speck')} that the input has not")
-        change = made.volume / given.volume - 1 if given.volume > 0 else 0.0
+        change = made.volume / given.volume - 1 if given.volume > 0 and made.closed else 0.0
         if abs(change) > MOST_VOLUME_CHANGE + given.noise:
             out.append(
                 f"the volume of the result is {made.volume:.4g}, that of the input {given.volume:.4g} "

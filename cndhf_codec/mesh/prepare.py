@@ -107,11 +107,13 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
 
 @dataclass(frozen=True, eq=False)
 class AsGiven:
-    """A mesh made ready to be encoded as the surface that it is. Fields are those of `Prepared`."""
+    """A mesh made ready to be encoded as the surface that it is. Fields are those of `Prepared`; what is encoded are the
+    faces of `solid`, sheets and inner parts with them."""
 
     given: Mesh
     flipped: float
     norm: Normalisation
+    solid: Solid
     reference: tuple[F64, I64]
     extents: F64
     assumptions: list[str]
@@ -133,8 +135,12 @@ def as_given(source: Any) -> AsGiven:
         assumptions.append(f"{given.dropped} faces of zero area were left out")
     mesh, outliers = without_outliers(given)
     norm = normalisation(mesh)
-    reference = norm.apply(mesh.vertices), mesh.faces
-    return AsGiven(given, 0.0, norm, reference, np.ptp(mesh.vertices, axis=0), [*assumptions, *outliers])
+    solid = _solid(mesh, norm)
+    reference = solid.vertices, solid.given
+    if len(mesh.faces) > MOST_FACES:
+        reference = norm.apply(mesh.vertices), mesh.faces
+    assumptions += [*outliers, *_repairs(solid)]
+    return AsGiven(given, solid.flipped, norm, solid, reference, np.ptp(mesh.vertices, axis=0), assumptions)
 
 
 def solid_or_error(prepared: Prepared) -> Solid:

@@ -48,7 +48,7 @@ def mesh_path(name: str) -> Path:
 
 
 def row(
-    mesh: Mesh, out: tuple[np.ndarray, np.ndarray], fields: dict[str, object], samples: int = verify.SAMPLES
+    mesh: Mesh, out: tuple[np.ndarray, np.ndarray], fields: dict[str, object], samples: int = verify.SAMPLES_PER_SURFACE
 ) -> Row:
     norm = normalisation(mesh)
     d = verify.surface_distances(norm.apply(mesh.vertices), mesh.faces, norm.apply(out[0]), out[1], samples=samples)
@@ -68,19 +68,29 @@ def measure_peers(name: str) -> list[Row]:
     return rows
 
 
-def measure_ours(name: str, preset: str, budget: int, threads: int, files: Path) -> list[Row]:
+def measure_ours(name: str, method: str, budget: int, threads: int, files: Path) -> list[Row]:
+    """method: "cndhf", the preset and, for surfaces, "surface"."""
+    preset, *representation = method.split()[1:]
     mesh = read_mesh(mesh_path(name))
     with tempfile.TemporaryDirectory() as folder:
-        coded, back = files / f"{mesh_path(name).stem}-{preset}-{budget}.cndhf", Path(folder) / "x.ply"
+        coded, back = (
+            files / f"{mesh_path(name).stem}-{'-'.join(method.split()[1:])}-{budget}.cndhf",
+            Path(folder) / "x.ply",
+        )
         encode = ["cndhf-encode", str(mesh_path(name)), str(coded), "--quiet", "--overwrite", "--preset", preset]
+        decode = ["cndhf-decode", str(coded), str(back), "--quiet"]
+        if representation:
+            encode += ["--representation", *representation]
+        else:
+            decode += ["--resolution", "384"]
         start = time.perf_counter()
         subprocess.run([*encode, "--target-size", str(budget), "--threads", str(threads)], check=True)
         middle = time.perf_counter()
-        subprocess.run(["cndhf-decode", str(coded), str(back), "--quiet", "--resolution", "384"], check=True)
+        subprocess.run(decode, check=True)
         end = time.perf_counter()
         surface = trimesh.load(back, process=False)
         out = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
-        fields = {"mesh": name, "method": f"cndhf {preset}", "budget": budget, "bytes": coded.stat().st_size}
+        fields = {"mesh": name, "method": method, "budget": budget, "bytes": coded.stat().st_size}
         return [row(mesh, out, {**fields, "encode s": middle - start, "decode s": end - middle})]
 
 
@@ -159,8 +169,10 @@ def plot(out: Path, name: str, rows: list[Row]) -> None:
 @click.argument("names", nargs=-1, required=True)
 @click.option("--budgets", default="1024,2048,4096,8192,16384", show_default=True, help="Bytes.")
 @click.option("--preset", default="default", show_default=True)
+@click.option("--representation", type=click.Choice(["dhf", "surface"]), default="dhf", show_default=True)
 @click.option("--jobs", default=1, show_default=True, help="Points computed at a time.")
-def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, jobs: int) -> None:
+def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, representation: str, jobs: int) -> None:
+    method = f"cndhf {preset}" if representation == "dhf" else f"cndhf {preset} surface"
     files = out / "files"
     files.mkdir(parents=True, exist_ok=True)
     store = out / "points.tsv"
@@ -172,8 +184,8 @@ def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, jobs: int
         work = [pool.submit(measure_peers, n) for n in names if n not in with_peers]
         for budget in (int(b) for b in budgets.split(",")):
             for name in names:
-                if (name, f"cndhf {preset}", str(budget)) not in have:
-                    work.append(pool.submit(measure_ours, name, preset, budget, threads, files))
+                if (name, method, str(budget)) not in have:
+                    work.append(pool.submit(measure_ours, name, method, budget, threads, files))
         failed = []
         for done in tqdm(as_completed(work), total=len(work), unit="point"):
             error = done.exception()

@@ -19,6 +19,7 @@ from .basis import Basis
 from .fit import linearised
 from .target import Target
 
+MOST_FREE = 32  # vertices that make up for one; a vertex of six neighbours shares samples with 18 others
 DAMPING = 1e-3  # relative to the diagonal's mean: the form of a vertex that no sample sees is not definite
 
 
@@ -56,15 +57,19 @@ def _round(indptr, indices, blocks, damping, step, places):
     gradient = np.zeros((n, 3))
     done = np.zeros(n, dtype=np.bool_)
     number = np.full(n, -1)
-    free = np.empty(n, dtype=np.int64)
+    free, ties = np.empty(n, dtype=np.int64), np.empty(n)
     for v in range(n):
-        # The vertex and the free ones that share samples with it; the vertex last.
+        # The vertex and the free ones that share samples with it, those most tied to it; the vertex last.
         m = 0
         for p in range(indptr[v], indptr[v + 1]):
             w = indices[p]
             if w != v and not done[w]:
                 free[m] = w
+                ties[m] = -np.abs(blocks[p]).sum()
                 m += 1
+        if m > MOST_FREE:
+            free[:m] = free[:m][np.argsort(ties[:m])]
+            m = MOST_FREE
         free[m] = v
         m += 1
         for i in range(m):

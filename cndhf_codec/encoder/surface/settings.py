@@ -16,5 +16,5 @@ class SurfaceSettings:
 
 
 DEFAULT = SurfaceSettings(target_size=8192)
-FAST = replace(DEFAULT, target_size=4096, rounds=4, samples=20_000)
+FAST = replace(DEFAULT, target_size=4096, trial_rounds=2, rounds=4, samples=20_000)
 BEST = replace(DEFAULT, rounds=16, samples=80_000)

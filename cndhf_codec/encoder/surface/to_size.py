@@ -84,7 +84,7 @@ def _simplified(given: Manifold, n_faces: int) -> Manifold:
 
 
 def _levels(mesh: Manifold) -> int:
-    return min(max(math.ceil(math.log(FINE_FACES / len(mesh.faces), 4)), 1), 4)
+    return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), 1), 4)
 
 
 def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int) -> Sized:
