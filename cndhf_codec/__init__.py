@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .decoder.limits import Limits
-    from .decoder.model import Model, load, loads, loads_prefix
+    from .decoder.model import Model
+    from .decoder.reading import load, loads, loads_prefix
     from .encoder.check import Check, check
     from .encoder.pipeline import encode
     from .encoder.report import Report
@@ -73,9 +74,9 @@ _HOMES = {
     "SurfaceError": "errors",
     "check": "encoder.check",
     "encode": "encoder.pipeline",
-    "load": "decoder.model",
-    "loads": "decoder.model",
-    "loads_prefix": "decoder.model",
+    "load": "decoder.reading",
+    "loads": "decoder.reading",
+    "loads_prefix": "decoder.reading",
 }
 
 

@@ -13,6 +13,7 @@ MODULES = [
     "cndhf_codec.decoder.limits",
     "cndhf_codec.decoder.meshfile",
     "cndhf_codec.decoder.model",
+    "cndhf_codec.decoder.reading",
     "cndhf_codec.decoder.results",
     "cndhf_codec.encoder.check",
     pytest.param("cndhf_codec.encoder.pipeline", marks=pytest.mark.encode),
@@ -45,7 +46,7 @@ def test_examples(name, monkeypatch):
 
 def test_every_public_function_of_the_decoder_has_an_example():
     from cndhf_codec import Limits, Model, decoder
-    from cndhf_codec.decoder.model import load_stream
+    from cndhf_codec.decoder.reading import load_stream
 
     functions = [decoder.load, decoder.loads, decoder.loads_prefix, load_stream, Limits, Model]
     functions += [x for name, x in vars(Model).items() if not name.startswith("_")]

@@ -37,7 +37,7 @@ if name == "encode":
     options = ["--preset", "fast", "--threads", "1"]
 else:
     import skimage.measure, trimesh
-    import cndhf_codec.cli.decode, cndhf_codec.decoder.meshfile, cndhf_codec.decoder.model
+    import cndhf_codec.cli.decode, cndhf_codec.decoder.meshfile, cndhf_codec.decoder.model, cndhf_codec.decoder.reading
     options = ["--resolution", "64"]
 
 def start():

@@ -88,7 +88,8 @@ def command(
     """
     from ..decoder.gridfile import write_grid
     from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
-    from ..decoder.model import DEFAULT_RESOLUTION, load, load_stream
+    from ..decoder.model import DEFAULT_RESOLUTION
+    from ..decoder.reading import load, load_stream
     from ..decoder.representation import Detail
 
     if target is None and occupancy is None:

@@ -16,7 +16,7 @@ import click
 @click.version_option(package_name="cndhf-codec")
 def command(source: Path, as_json: bool) -> None:
     """Print what INPUT.cndhf holds: bytes by section, its fields or its surface, measured error in input units."""
-    from ..decoder.model import load
+    from ..decoder.reading import load
 
     info = load(source).info
     click.echo(json.dumps(info, indent=2) if as_json else _table(source, info))

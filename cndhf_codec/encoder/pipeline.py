@@ -15,8 +15,9 @@ import numpy as np
 from .. import __version__
 from ..arguments import positive, whole_in
 from ..arrays import F64, I64
-from ..decoder.model import Model, loads
+from ..decoder.model import Model
 from ..decoder.parallel import processors
+from ..decoder.reading import loads
 from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, CRC_SIZE, HEADER_SIZE, TABLE_ENTRY_SIZE

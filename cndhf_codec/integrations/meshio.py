@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from typing import Any, BinaryIO
 
-from ..decoder.model import load, load_stream
+from ..decoder.reading import load, load_stream
 from ..errors import MissingExtraError
 
 try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, BinaryIO
 
-from ..decoder.model import load_stream
+from ..decoder.reading import load_stream
 from ..errors import require
 
 

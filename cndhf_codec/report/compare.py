@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import F64, I64
-from ..decoder.model import Model, load
+from ..decoder.model import Model
+from ..decoder.reading import load
 from ..errors import SurfaceError
 from ..mesh.distances import Distances, surface_distances
 from ..mesh.read import read_mesh

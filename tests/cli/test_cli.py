@@ -556,12 +556,12 @@ def fails_by_interrupt(run, monkeypatch):
 
 @pytest.mark.parametrize("exception", [MemoryError(), OSError(28, "No space left on device")])
 def test_other_failures_are_one_line_too(fails, monkeypatch, model, exception):
-    import cndhf_codec.decoder.model
+    import cndhf_codec.decoder.reading
 
     def fail(_):
         raise exception
 
-    monkeypatch.setattr(cndhf_codec.decoder.model, "load", fail)
+    monkeypatch.setattr(cndhf_codec.decoder.reading, "load", fail)
     fails(1, "info", model)
 
 

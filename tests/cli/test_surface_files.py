@@ -71,8 +71,8 @@ def test_a_grid_beside_a_mesh(run, files):
     grid = files / "grid.npz"
     code, _, _ = run("decode", files / "cube.cndhf", files / "c.stl", "--occupancy", grid, "--resolution", 16)
     assert code == 0
-    stored = np.load(grid)
-    assert stored["occupancy"].sum() * stored["spacing"] ** 3 == pytest.approx(1000, rel=0.2)
+    with np.load(grid) as stored:
+        assert stored["occupancy"].sum() * stored["spacing"] ** 3 == pytest.approx(1000, rel=0.2)
 
 
 @pytest.mark.parametrize(

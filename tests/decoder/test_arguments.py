@@ -11,7 +11,7 @@ import pytest
 from cndhf_codec import Limits, Model, load, loads, loads_prefix
 from cndhf_codec.decoder.gridfile import write_grid
 from cndhf_codec.decoder.meshfile import write_mesh
-from cndhf_codec.decoder.model import load_stream
+from cndhf_codec.decoder.reading import load_stream
 from cndhf_codec.errors import OptionError
 
 

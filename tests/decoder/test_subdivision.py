@@ -195,7 +195,29 @@ def test_faces_that_disagree_have_normals_of_their_own():
     faces[0] = faces[0, ::-1]
     mesh = topology_of(faces, 6, NONE)
     sectors = sectors_of(mesh)
-    normals = limit_normals(mesh, TIPS, limit_positions(mesh).apply(TIPS), sectors)
+    limit = limit_positions(mesh).apply(TIPS)
+    normals = limit_normals(mesh, TIPS, limit, sectors)
+    a, b, c = limit[faces[0]]
+    alone = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+    np.testing.assert_allclose(normals[sectors.corners[0]], np.tile(alone, (3, 1)), atol=1e-12)
     outward = (normals[sectors.corners[0]] * TIPS[faces[0]]).sum(axis=1)
     assert (outward < 0).all()
     assert ((normals[sectors.corners[1]] * TIPS[faces[1]]).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("sizes", [(1, 4), (2, 3), (2, 2), (4, 4)])
+def test_normals_beside_a_crease_with_any_number_of_faces(sizes):
+    n = sum(sizes)
+    angle = 2 * np.pi * np.arange(n) / n
+    rng = np.random.default_rng(2)
+    rim = np.column_stack([np.cos(angle), np.sin(angle), 0.4 * rng.normal(size=n)])
+    vertices = np.concatenate([[(0, 0, 0.3)], rim])
+    mesh = topology_of(manifolds.fan(n), n + 1, [(0, 1), (0, 1 + sizes[0])])
+    sectors = sectors_of(mesh)
+    at_centre = np.flatnonzero(sectors.vertices == 0)
+    assert sorted(sectors.sizes[at_centre]) == sorted(sizes)
+    normals = limit_normals(mesh, vertices, limit_positions(mesh).apply(vertices), sectors)[at_centre]
+    deep, at = deep_normals(mesh, vertices, 8)
+    found = deep[at == 0] @ normals.T
+    np.testing.assert_allclose(found.max(axis=0), 1, atol=5e-3)
+    np.testing.assert_allclose(found.max(axis=1), 1, atol=5e-3)
