@@ -562,7 +562,8 @@ class Model:
         -----
         Marching cubes takes at most 512 MiB of memory, 256 bytes per double height field and square of the resolution,
         and 250 bytes per vertex. An intersection takes 512 MiB and 1 KiB per triangle of the double height fields'
-        solids: a few hundred MiB, but up to 4 GiB for a file of noise.
+        solids: a few hundred MiB, but up to 4 GiB for a file of noise. A subdivision surface takes 64 MiB and 700 bytes
+        per vertex, 1,200 with normals; it has half as many vertices as triangles.
 
         Examples
         --------

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import pickle
+import threading
+from dataclasses import replace
 
 import analytic
 import manifolds
 import numpy as np
 import pytest
 import surfaces
-from analytic import slab
+from analytic import ABOUT_Z_45, slab
 
 from cndhf_codec import Limits, loads
 from cndhf_codec.decoder import Model
@@ -125,6 +127,79 @@ def test_grids(cube):
     cube.limits = Limits(nodes=1000)
     with pytest.raises(SurfaceError, match="nodes"):
         cube.occupancy(64)
+
+
+def test_gradients_are_those_of_the_function(cube, points):
+    f, gradient = cube.implicit(points, gradient=True)
+    np.testing.assert_array_equal(f, cube.implicit(points))
+    for k in range(3):
+        step = 4e-3 * np.eye(3)[k]
+        ahead, behind = (cube.implicit(points + step) - f) / 4e-3, (f - cube.implicit(points - step)) / 4e-3
+        smooth = np.abs(ahead - behind) < 0.01
+        assert smooth.mean() > 0.8
+        np.testing.assert_allclose(gradient[smooth, k], (ahead + behind)[smooth] / 2, atol=0.02)
+
+
+def test_far_from_the_origin(kind, cube, points):
+    far = np.array((1e6, -2e6, 3e6))
+    there = CUBES[kind](centre=tuple(CENTRE + far), scale=SCALE)
+    moved = points + far
+    sure = np.abs(box_distance(points)) > 1e-5
+    assert np.array_equal(there.contains(moved)[sure], cube.contains(points)[sure])
+    np.testing.assert_allclose(there.distance(moved), cube.distance(points), atol=1e-8)
+    np.testing.assert_allclose(there.nearest(moved).point - far, cube.nearest(points).point, atol=1e-8)
+    hits = there.ray_intersect(far + CENTRE + [0.1, 0.2, 100], [0.0, 0, -1])
+    assert hits.distance == pytest.approx(98, abs=1e-4)
+
+
+def test_points_that_are_not_finite(cube):
+    bad = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
+    distance = cube.distance(bad)
+    assert np.isnan(distance[0])
+    assert (distance[1:] == -np.inf).all()
+    near = cube.nearest(bad)
+    assert np.isnan(near.point).all()
+    assert np.isinf(near.distance[1:]).all()
+    with np.errstate(invalid="ignore"):
+        assert not (cube.implicit(bad) >= 0).any()
+        cube.implicit(bad, gradient=True)
+        cube.normals(bad)
+    none = cube.ray_intersect([[0, 0, 0], bad[0], bad[1]], [[0, 0, 0], [1, 0, 0], [1, 0, 0]])
+    assert np.isinf(none.distance).all()
+    assert np.isnan(none.normal).all()
+
+
+def test_a_turned_frame(kind, points):
+    """Both read their quaternion in the same way."""
+    made = CUBES[kind](centre=CENTRE, scale=SCALE)
+    if kind == "dhf":
+        turned = analytic.model(slab((-0.5,) * 3, (0.5,) * 3, ABOUT_Z_45), centre=CENTRE, scale=SCALE)
+    else:
+        mesh = replace(made.container.surface, quaternion=ABOUT_Z_45)
+        turned = Model(replace(made.container, surface=mesh))
+    r = np.sqrt(0.5)
+    there = (points - CENTRE) @ np.array([[r, r, 0], [-r, r, 0], [0, 0, 1]]) + CENTRE
+    sure = np.abs(box_distance(there)) > 1e-3
+    assert np.array_equal(turned.contains(points)[sure], made.contains(there)[sure])
+
+
+def test_many_threads_at_once(cube, points):
+    expected = cube.distance(points), cube.contains(points), cube.ray_intersect(points, CENTRE - points).distance
+    fresh = Model(cube.container)
+    found = {}
+
+    def ask(k):
+        found[k] = fresh.distance(points), fresh.contains(points), fresh.ray_intersect(points, CENTRE - points).distance
+
+    threads = [threading.Thread(target=ask, args=(k,)) for k in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 3
+    for answers in found.values():
+        for a, b in zip(answers, expected, strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
 def test_copies_answer_alike(cube, points):
