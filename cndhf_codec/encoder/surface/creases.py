@@ -17,6 +17,7 @@ from .cut import Manifold
 from .fit import fit, mean_errors
 from .target import Target
 
+# Evidence for these constants: ADR 036.
 # Edges of a larger angle may be sharp: Hoppe et al. (1994) and modelling programs take 30 degrees or so.
 LEAST_ANGLE = np.radians(30)
 # On smooth shapes angled edges sharp leave a third more error than none, and what a mixture gains its marks cost.

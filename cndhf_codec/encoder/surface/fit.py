@@ -18,6 +18,7 @@ from ...mesh.sampling import face_areas
 from .basis import Basis
 from .target import Target, Tree
 
+# Evidence for these constants: ADR 036.
 SAMPLES = 20_000  # points in each direction
 # Distances below this share of the mean weigh no more than those at it: the weight 1 / distance has no bound.
 FLOOR = 0.25

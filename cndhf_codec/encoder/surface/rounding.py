@@ -19,6 +19,7 @@ from .basis import Basis
 from .fit import linearised
 from .target import Target
 
+# Evidence for these constants: ADR 036.
 MOST_FREE = 32  # vertices that make up for one; a vertex of six neighbours shares samples with 18 others
 DAMPING = 1e-3  # relative to the diagonal's mean: the form of a vertex that no sample sees is not definite
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...arrays import F64, I64
 
+# Evidence for these constants: ADR 036.
 # A boundary edge of length l counts as a strip of width l: as much as the squares on its two sides would.
 BOUNDARY_WEIGHT = 1.0
 # Part of the quadric that holds a vertex where it is: it decides only where planes do not, in flat places.

@@ -31,6 +31,7 @@ from .settings import SurfaceSettings
 from .simplify import Simplifier
 from .target import Target
 
+# Evidence for these constants: ADR 036.
 BITS_PER_VERTEX = 18.0  # of the first try only
 CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4

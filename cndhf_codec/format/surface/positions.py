@@ -24,6 +24,7 @@ from .manifold import Ints
 from .models import SignedModel
 from .range_coder import Coder, CostCounter
 
+# Evidence for these constants: ADR 035.
 MAX_POSITION = 2**18  # of each coordinate, either sign; residuals stay within `SignedModel`'s range
 EIGHTHS = 8  # the most that `eighths` may be: s = 1
 COUNTED = 2  # faces that foretell a vertex are counted up to here, for the order
