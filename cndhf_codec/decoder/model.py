@@ -39,7 +39,7 @@ class Model:
     Queries work in pieces. Besides their arguments and results they hold at most 60 MB, whatever the number of points,
     8 MB per processor after the second, and for a moment 1 MB per double height field. Those that are answered from a
     mesh, which are `distance` and `nearest` and all of a surface, hold 100 MB, 40 MB per processor after the second,
-    and 600 bytes per triangle of the mesh, of which a surface has 524,288 at most. A model may be used from several
+    and 800 bytes per triangle of the mesh, of which a surface has 524,288 at most. A model may be used from several
     threads at once.
 
     Models are made by `load`, `loads`, `loads_prefix` and `encode`.
@@ -344,7 +344,7 @@ class Model:
 
         Notes
         -----
-        The first call makes the mesh and its tables, 450 bytes per triangle. They are kept.
+        The first call makes the mesh and its tables, 800 bytes per triangle. They are kept.
 
         Examples
         --------

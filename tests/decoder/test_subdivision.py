@@ -200,6 +200,13 @@ def test_faces_that_disagree_have_normals_of_their_own():
     a, b, c = limit[faces[0]]
     alone = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
     np.testing.assert_allclose(normals[sectors.corners[0]], np.tile(alone, (3, 1)), atol=1e-12)
+    # Vertex 0 keeps three of its faces on one side: (4, 3, 0) and two below, whose angles are alike.
+    rest = sectors.corners[3, 2]
+    assert sectors.sizes[rest] == 3
+    p = limit[faces[[3, 4, 7]]]
+    flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    along = (flat / np.linalg.norm(flat, axis=1, keepdims=True)).sum(axis=0)
+    np.testing.assert_allclose(normals[rest], along / np.linalg.norm(along), atol=1e-12)
     outward = (normals[sectors.corners[0]] * TIPS[faces[0]]).sum(axis=1)
     assert (outward < 0).all()
     assert ((normals[sectors.corners[1]] * TIPS[faces[1]]).sum(axis=1) > 0).all()
