@@ -39,7 +39,7 @@ COARSEST = 8  # the least resolution
     "--max-error",
     metavar="ERROR",
     help="Of surfaces, and for --method intersection: distance from the exact surface, a number in input units or 0.1% "
-    "of the bounding box's diagonal (default: 0.02%).",
+    "of the bounding box's diagonal (default: 0.02%; of a surface, but for 1% of its edges).",
 )
 @click.option(
     "--faces",

@@ -71,7 +71,7 @@ def _surface(info: dict[str, Any]) -> list[str]:
         f"surface of {info['components']} component{'s' * (info['components'] != 1)}, "
         f"{'closed' if info['closed'] else 'open: a sheet'}",
         f"control mesh: {info['vertices']} vertices, {info['faces']} faces, {info['sharp_edges']} sharp edges, "
-        f"{8 * info['sections']['surface'] / info['vertices']:.2f} bits per vertex "
+        f"{8 * info['sections']['surface'] / max(info['vertices'], 1):.2f} bits per vertex "
         f"({info['bits_per_vertex']:.2f} of the whole file)",
     ]
 

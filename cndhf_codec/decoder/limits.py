@@ -28,8 +28,9 @@ class Limits:
     work : int
         Parameters of the networks times resolution squared. Up to 16 multiplications for each.
     vertices : int
-        Vertices of a surface, and of each solid that is intersected. Up to 250 bytes of memory for each, 2 KiB for
-        those of an intersection. A file of noise has a vertex in every fourth cell.
+        Vertices of a mesh, and of each solid that is intersected. Up to 250 bytes of memory for each; 2 KiB for those
+        of an intersection; for those of a subdivision surface 700 bytes, with normals 1,200. A file of noise has a
+        vertex in every fourth cell.
     nodes : int
         Nodes of an occupancy grid. 2 bytes of memory for each.
 

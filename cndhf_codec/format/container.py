@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import OptionError
 from . import constants as c
 
 Symbols = npt.NDArray[np.int32]
@@ -82,9 +83,9 @@ class ControlMesh:
 
     quaternion: (4,) int16, x y z w, as in `DhfRecord`; takes the normalised frame to that of the grid.
     step: normalised units per grid unit, a float32.
-    positions: (V, 3) int32 grid coordinates, within `MAX_POSITION`. faces: (F, 3) int32 vertex numbers, a two-manifold
-    with or without boundary. sharp: (S, 2) int32 interior edges that are sharp, the smaller vertex first, in
-    lexicographic order; boundary edges are sharp and not listed.
+    positions: (V, 3) int32 grid coordinates, within 2^18. faces: (F, 3) int32 vertex numbers, a two-manifold with or
+    without boundary. sharp: (S, 2) int32 interior edges that are sharp, the smaller vertex first, in lexicographic
+    order; boundary edges are sharp and not listed.
     """
 
     quaternion: tuple[int, int, int, int]
@@ -118,7 +119,8 @@ class Metadata:
 class Container:
     """A whole file: double height fields, or a surface and none of them.
 
-    A point p in input coordinates is (p - centre) / scale in the normalised frame.
+    A point p in input coordinates is (p - centre) / scale in the normalised frame. Raises OptionError for a container
+    that holds both or neither.
     """
 
     centre: tuple[float, float, float]
@@ -127,6 +129,10 @@ class Container:
     metadata: Metadata = field(default_factory=Metadata)
     codec: int = c.CODEC_ZSTD  # of the weights section
     surface: ControlMesh | None = None
+
+    def __post_init__(self) -> None:
+        if (self.surface is None) == (not self.dhfs):
+            raise OptionError("a container holds either double height fields or a surface")
 
 
 def step_size(code: int) -> float:

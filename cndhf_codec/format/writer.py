@@ -24,8 +24,6 @@ def dumps(container: Container) -> bytes:
     Raises OptionError when the container holds what the format cannot express or a reader would refuse, so that no
     unreadable file is ever written.
     """
-    if (container.surface is None) == (not container.dhfs):
-        raise OptionError("a container holds either double height fields or a surface")
     if container.surface is None:
         sections, minor = _dhf_sections(container), c.MINOR_DHF
     else:

@@ -7,11 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import manifolds
 import numpy as np
 import pytest
 import rawfile
+import surfaces
 
-from cndhf_codec import Limits, load, loads
+from cndhf_codec import Limits, Model, load, loads
+from cndhf_codec.decoder.parallel import processors
 from cndhf_codec.errors import OptionError, SurfaceError
 
 MIB = 2**20
@@ -48,6 +51,16 @@ def intersection(model, resolution):
 
 def occupancy(model, resolution):
     return model.occupancy(resolution)[0].size
+
+def level(model, number):
+    return len(model.surface(level=number).vertices) if model.representation == "surface" else 0
+
+def shaded(model, number):
+    levels = {"level": number} if model.representation == "surface" else {"resolution": 16}
+    return len(model.to_mesh(normals=True, **levels).vertices)
+
+def nearest(model, points):
+    return len(model.nearest(np.random.default_rng(0).uniform(-1, 1, (points, 3))).distance)
 
 def contains(model, points):
     return len(model.contains(np.random.default_rng(0).uniform(-2, 2, (points, 3))))
@@ -119,6 +132,23 @@ def test_memory_of_surfaces_and_grids(measure, what, n_dhfs, width, resolution):
     count, memory = measure(what, resolution, rawfile.noise(n_dhfs, width, 2))
     each = {"to_mesh": 250, "occupancy": 2}[what]
     assert memory < 512 * MIB + 256 * n_dhfs * resolution**2 + each * count
+
+
+@pytest.mark.encode
+@pytest.mark.parametrize(("what", "each"), [("level", 700), ("shaded", 1200)])
+def test_memory_of_subdivision_surfaces(measure, what, each):
+    faces = manifolds.grid(32, 32)
+    vertices = np.random.default_rng(0).uniform(-0.5, 0.5, (33**2, 3))
+    data = Model(surfaces.container(faces, vertices)).dumps()
+    count, memory = measure(what, 4, data)
+    assert count > 250_000
+    assert memory < 64 * MIB + each * count
+
+
+@pytest.mark.encode
+def test_memory_of_queries_of_subdivision_surfaces(measure):
+    count, memory = measure("nearest", 300_000, surfaces.ball().dumps())
+    assert memory < 100e6 + 40e6 * processors() + 80 * count  # arguments, results, and what is made of them
 
 
 @pytest.mark.encode

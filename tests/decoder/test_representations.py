@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import pickle
+import threading
+from dataclasses import replace
 
 import analytic
 import manifolds
 import numpy as np
 import pytest
 import surfaces
-from analytic import slab
+from analytic import ABOUT_Z_45, slab
 
 from cndhf_codec import Limits, loads
 from cndhf_codec.decoder import Model
 from cndhf_codec.decoder.queries import TriangleQueries
 from cndhf_codec.decoder.surface import representation
-from cndhf_codec.decoder.surface.levels import Level, distance_from_limit, next_level
+from cndhf_codec.decoder.surface.levels import Level, distances_from_limit, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.errors import OptionError, SectionError, SheetError, SurfaceError
 
@@ -127,6 +129,79 @@ def test_grids(cube):
         cube.occupancy(64)
 
 
+def test_gradients_are_those_of_the_function(cube, points):
+    f, gradient = cube.implicit(points, gradient=True)
+    np.testing.assert_array_equal(f, cube.implicit(points))
+    for k in range(3):
+        step = 4e-3 * np.eye(3)[k]
+        ahead, behind = (cube.implicit(points + step) - f) / 4e-3, (f - cube.implicit(points - step)) / 4e-3
+        smooth = np.abs(ahead - behind) < 0.01
+        assert smooth.mean() > 0.8
+        np.testing.assert_allclose(gradient[smooth, k], (ahead + behind)[smooth] / 2, atol=0.02)
+
+
+def test_far_from_the_origin(kind, cube, points):
+    far = np.array((1e6, -2e6, 3e6))
+    there = CUBES[kind](centre=tuple(CENTRE + far), scale=SCALE)
+    moved = points + far
+    sure = np.abs(box_distance(points)) > 1e-5
+    assert np.array_equal(there.contains(moved)[sure], cube.contains(points)[sure])
+    np.testing.assert_allclose(there.distance(moved), cube.distance(points), atol=1e-8)
+    np.testing.assert_allclose(there.nearest(moved).point - far, cube.nearest(points).point, atol=1e-8)
+    hits = there.ray_intersect(far + CENTRE + [0.1, 0.2, 100], [0.0, 0, -1])
+    assert hits.distance == pytest.approx(98, abs=1e-4)
+
+
+def test_points_that_are_not_finite(cube):
+    bad = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
+    distance = cube.distance(bad)
+    assert np.isnan(distance[0])
+    assert (distance[1:] == -np.inf).all()
+    near = cube.nearest(bad)
+    assert np.isnan(near.point).all()
+    assert np.isinf(near.distance[1:]).all()
+    with np.errstate(invalid="ignore"):
+        assert not (cube.implicit(bad) >= 0).any()
+        cube.implicit(bad, gradient=True)
+        cube.normals(bad)
+    none = cube.ray_intersect([[0, 0, 0], bad[0], bad[1]], [[0, 0, 0], [1, 0, 0], [1, 0, 0]])
+    assert np.isinf(none.distance).all()
+    assert np.isnan(none.normal).all()
+
+
+def test_a_turned_frame(kind, points):
+    """Both read their quaternion in the same way."""
+    made = CUBES[kind](centre=CENTRE, scale=SCALE)
+    if kind == "dhf":
+        turned = analytic.model(slab((-0.5,) * 3, (0.5,) * 3, ABOUT_Z_45), centre=CENTRE, scale=SCALE)
+    else:
+        mesh = replace(made.container.surface, quaternion=ABOUT_Z_45)
+        turned = Model(replace(made.container, surface=mesh))
+    r = np.sqrt(0.5)
+    there = (points - CENTRE) @ np.array([[r, r, 0], [-r, r, 0], [0, 0, 1]]) + CENTRE
+    sure = np.abs(box_distance(there)) > 1e-3
+    assert np.array_equal(turned.contains(points)[sure], made.contains(there)[sure])
+
+
+def test_many_threads_at_once(cube, points):
+    expected = cube.distance(points), cube.contains(points), cube.ray_intersect(points, CENTRE - points).distance
+    fresh = Model(cube.container)
+    found = {}
+
+    def ask(k):
+        found[k] = fresh.distance(points), fresh.contains(points), fresh.ray_intersect(points, CENTRE - points).distance
+
+    threads = [threading.Thread(target=ask, args=(k,)) for k in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 3
+    for answers in found.values():
+        for a, b in zip(answers, expected, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
 def test_copies_answer_alike(cube, points):
     twin = pickle.loads(pickle.dumps(cube))
     assert np.array_equal(twin.contains(points), cube.contains(points))
@@ -203,7 +278,7 @@ def test_the_estimate_of_the_error_is_about_the_distance():
     exact = surfaces.ball().surface(level=6).vertices
     for allowed in (0.3, 0.1, 0.1, 0.1):
         off = TriangleQueries(level.limit, level.topology.faces).nearest(exact).distance.max()
-        assert distance_from_limit(level) == pytest.approx(off, rel=allowed)
+        assert distances_from_limit(level).greatest == pytest.approx(off, rel=allowed)
         level = next_level(level)
 
 
@@ -224,6 +299,41 @@ def test_numbers_of_triangles_and_levels():
         ball.to_mesh(level=3)
     with pytest.raises(SurfaceError, match="level 2, the finest one that is allowed"):
         ball.to_mesh(max_error="0.001%")
+
+
+def test_the_default_level_is_the_coarsest_that_is_close_but_for_a_hundredth():
+    ball = surfaces.ball()
+    exact = ball.surface(level=6).vertices
+    diagonal = np.linalg.norm(np.ptp(exact, axis=0))
+    level = round(np.log(len(ball.to_mesh().faces) / 8) / np.log(4))
+    beyond = []
+    for k in (level - 1, level):
+        vertices, faces = ball.surface(level=k)
+        beyond.append(np.mean(TriangleQueries(vertices, faces).nearest(exact).distance > 2e-4 * diagonal))
+    assert beyond[0] > 0.02
+    assert beyond[1] < 0.02
+
+
+def test_a_single_bump_does_not_divide_everything():
+    # A plane with a tip in its middle: only there the triangles are far off.
+    faces = manifolds.grid(40, 40)
+    x, y = (n / 40 for n in np.divmod(np.arange(41 * 41), 41))
+    z = 0.01 * (np.hypot(x - 0.5, y - 0.5) < 0.02)
+    model = Model(surfaces.container(faces, np.column_stack([x, y, z])))
+    assert len(model.to_mesh().faces) < len(model.to_mesh(max_error="0.02%").faces)
+
+
+def test_surfaces_without_faces_and_without_extent():
+    none = Model(surfaces.container(np.empty((0, 3)), np.empty((0, 3))))
+    assert loads(none.dumps()).info["components"] == 0
+    for use in (none.to_mesh, lambda: none.contains([0, 0, 0]), lambda: none.nearest([0, 0, 0]), none.surface):
+        with pytest.raises(SurfaceError, match="no faces"):
+            use()
+    point = Model(surfaces.container(surfaces.OCTAHEDRON, np.zeros((6, 3))))
+    assert len(point.to_mesh(normals=True).faces) == 8
+    assert not point.contains([0.1, 0, 0])
+    with pytest.raises(SurfaceError, match="a point"):
+        point.occupancy(16)
 
 
 def test_by_default_triangles_are_not_too_many(monkeypatch):

@@ -53,17 +53,30 @@ def test_weights_of_a_point_sum_to_one_and_edges_agree_with_those_found_anew(nam
 
 
 @pytest.mark.parametrize("name", ["torus", "sheet", "genus 2", "moebius strip", "parts"])
-def test_the_limit_of_a_subdivided_mesh_is_that_of_the_mesh(name):
-    # Not at darts, whose ring lacks a part of one neighbour: so all edges around a vertex are sharp here.
-    faces = manifolds.KINDS[name]
-    n = int(faces.max()) + 1
-    edges = topology_of(faces, n, NONE).edges
-    mesh = topology_of(faces, n, edges[(edges[:, 0] < 3) | (edges[:, 1] < 3)])
-    vertices = np.random.default_rng(1).normal(size=(n, 3))
-    kept = mesh.n_sharp != 1
+@pytest.mark.parametrize("share", [0, 0.1, 0.3, 1])
+def test_the_limit_of_a_subdivided_mesh_is_that_of_the_mesh(name, share):
+    mesh, vertices = random_mesh(name, share)
+    if share == 0.1:
+        assert (mesh.n_sharp == 1).any()  # darts
     limit = limit_positions(mesh).apply(vertices)
-    finer, moved = levels(mesh, vertices, 3)
-    np.testing.assert_allclose(limit_positions(finer).apply(moved)[:n][kept], limit[kept], atol=1e-12)
+    for _ in range(3):
+        mesh, vertices = levels(mesh, vertices, 1)
+        np.testing.assert_allclose(limit_positions(mesh).apply(vertices)[: len(limit)], limit, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [3, 4, 7, 60])
+def test_darts_with_any_number_of_faces(n):
+    mesh = topology_of(manifolds.fan(n), n + 1, [[0, 2]])
+    vertices = np.random.default_rng(n).normal(size=(n + 1, 3))
+    weights = limit_positions(mesh)
+    finer, moved = levels(mesh, vertices, 1)
+    np.testing.assert_allclose(limit_positions(finer).apply(moved)[0], weights.apply(vertices)[0], atol=1e-13)
+    finer, moved = levels(mesh, vertices, 7)
+    assert np.abs(moved[0] - weights.apply(vertices)[0]).max() < 0.1
+    own = weights.rows == 0
+    by_column = dict(zip(weights.columns[own].tolist(), weights.weights[own].tolist(), strict=True))
+    for k in range(n):  # the weights are alike on both sides of the sharp edge
+        assert by_column[1 + (1 + k) % n] == pytest.approx(by_column[1 + (1 - k) % n], abs=1e-15)
 
 
 def test_a_regular_plane_stays_and_keeps_its_parameters():
@@ -182,7 +195,36 @@ def test_faces_that_disagree_have_normals_of_their_own():
     faces[0] = faces[0, ::-1]
     mesh = topology_of(faces, 6, NONE)
     sectors = sectors_of(mesh)
-    normals = limit_normals(mesh, TIPS, limit_positions(mesh).apply(TIPS), sectors)
+    limit = limit_positions(mesh).apply(TIPS)
+    normals = limit_normals(mesh, TIPS, limit, sectors)
+    a, b, c = limit[faces[0]]
+    alone = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+    np.testing.assert_allclose(normals[sectors.corners[0]], np.tile(alone, (3, 1)), atol=1e-12)
+    # Vertex 0 keeps three of its faces on one side: (4, 3, 0) and two below, whose angles are alike.
+    rest = sectors.corners[3, 2]
+    assert sectors.sizes[rest] == 3
+    p = limit[faces[[3, 4, 7]]]
+    flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    along = (flat / np.linalg.norm(flat, axis=1, keepdims=True)).sum(axis=0)
+    np.testing.assert_allclose(normals[rest], along / np.linalg.norm(along), atol=1e-12)
     outward = (normals[sectors.corners[0]] * TIPS[faces[0]]).sum(axis=1)
     assert (outward < 0).all()
     assert ((normals[sectors.corners[1]] * TIPS[faces[1]]).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("sizes", [(1, 4), (2, 3), (2, 2), (4, 4)])
+def test_normals_beside_a_crease_with_any_number_of_faces(sizes):
+    n = sum(sizes)
+    angle = 2 * np.pi * np.arange(n) / n
+    rng = np.random.default_rng(2)
+    rim = np.column_stack([np.cos(angle), np.sin(angle), 0.4 * rng.normal(size=n)])
+    vertices = np.concatenate([[(0, 0, 0.3)], rim])
+    mesh = topology_of(manifolds.fan(n), n + 1, [(0, 1), (0, 1 + sizes[0])])
+    sectors = sectors_of(mesh)
+    at_centre = np.flatnonzero(sectors.vertices == 0)
+    assert sorted(sectors.sizes[at_centre]) == sorted(sizes)
+    normals = limit_normals(mesh, vertices, limit_positions(mesh).apply(vertices), sectors)[at_centre]
+    deep, at = deep_normals(mesh, vertices, 8)
+    found = deep[at == 0] @ normals.T
+    np.testing.assert_allclose(found.max(axis=0), 1, atol=5e-3)
+    np.testing.assert_allclose(found.max(axis=1), 1, atol=5e-3)

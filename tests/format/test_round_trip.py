@@ -14,7 +14,7 @@ from strategies import containers, damaged, rearranged
 
 from cndhf_codec.decoder.model import Model
 from cndhf_codec.errors import FormatError, OptionError
-from cndhf_codec.format import Container, DhfRecord, Metadata, dumps, loads
+from cndhf_codec.format import Container, ControlMesh, DhfRecord, Metadata, dumps, loads
 from cndhf_codec.format.container import parameter_count, rotation_matrix, tensor_shapes
 from cndhf_codec.format.writer import pack_symbols
 
@@ -100,7 +100,6 @@ def first_symbol(value: int) -> tuple[np.ndarray, ...]:
         container(scale=-1.0),
         container(scale=1e39),
         container(scale=1e-60),  # zero as a float32
-        container(dhfs=()),
         container(dhfs=(some_record(),) * 65),
         container(dhfs=(some_record(),) * 300),
         container(some_record(quaternion=(0, 0, 0, 1))),
@@ -135,6 +134,15 @@ def first_symbol(value: int) -> tuple[np.ndarray, ...]:
 def test_writer_refuses_what_no_reader_would_read(bad):
     with pytest.raises(OptionError):
         dumps(bad)
+
+
+def test_a_container_holds_one_representation():
+    none = np.empty((0, 2), np.int32)
+    mesh = ControlMesh((0, 0, 0, 32767), 0.1, np.eye(3, dtype=np.int32), np.array([[0, 1, 2]], np.int32), none)
+    for bad in ({"dhfs": ()}, {"surface": mesh}):
+        with pytest.raises(OptionError, match="either double height fields or a surface"):
+            container(**bad)
+    assert container(dhfs=(), surface=mesh).surface is mesh
 
 
 @pytest.mark.parametrize("value", [32767, -32767])

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["cndhf_codec.format", "cndhf_codec.decoder.reading"]):
+with atheris.instrument_imports(include=["cndhf_codec.format", "cndhf_codec.decoder.model"]):
     from cndhf_codec import format as fmt
     from cndhf_codec.decoder.model import Model
     from cndhf_codec.errors import FormatError

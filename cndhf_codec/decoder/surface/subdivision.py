@@ -3,7 +3,7 @@
 The rules are those of Loop, "Smooth Subdivision Surfaces Based on Triangles" (1987), with the sharp edges of Hoppe et
 al., "Piecewise Smooth Surface Reconstruction" (1994), as in OpenSubdiv: the new vertex of a sharp edge is its middle; a
 vertex with two sharp edges follows the cubic B-spline of that crease; one with three or more is a corner and stays; one
-with a single sharp edge (a dart) or none is smooth. Boundary edges are sharp.
+with a single sharp edge (a dart) or none moves as a smooth one. Boundary edges are sharp.
 
 Each step and the limit are linear in the vertices. They are given as weights, which the encoder also takes for its fit.
 """
@@ -17,6 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import F64, I64, Mask
+
+# Neighbours of a dart this far from its sharp edge all have the same weights, up to the rounding of float64.
+FARTHEST = 24
 
 
 class Weights(NamedTuple):
@@ -148,19 +151,75 @@ def limit_positions(mesh: Topology) -> Weights:
     """The points of the limit surface that belong to the vertices of a mesh.
 
     Smooth: w = 1 / (3 / (8 beta) + n) of each of n neighbours and 1 - n w of the vertex; creases 1/6 2/3 1/6; corners
-    stay. These are the eigenvectors of the subdivision rules (Hoppe et al., 1994).
+    stay. These are the left eigenvectors of the subdivision rules (Hoppe et al., 1994). Darts have one of their own:
+    see `_dart_limits`.
     """
-    kinds, valences = _kinds(mesh), mesh.valences
+    valences, n_sharp = mesh.valences, mesh.n_sharp
+    kinds = _Kinds(n_sharp == 0, n_sharp == 2)
     share = 1 / (3 / (8 * _beta(valences)) + np.maximum(valences, 1))
     ring = _ring(mesh, kinds, share, 1 / 6)
     own = np.where(kinds.smooth, 1 - valences * share, np.where(kinds.crease, 2 / 3, 1.0))
-    n = np.arange(mesh.n_vertices)
+    others = np.flatnonzero(n_sharp != 1)
+    darts = _dart_limits(mesh, n_sharp == 1)
     return Weights(
-        np.concatenate([n, ring.rows]),
-        np.concatenate([n, ring.columns]),
-        np.concatenate([own, ring.weights]),
+        np.concatenate([others, ring.rows, darts.rows]),
+        np.concatenate([others, ring.columns, darts.columns]),
+        np.concatenate([own[others], ring.weights, darts.weights]),
         mesh.n_vertices,
     )
+
+
+def _dart_limits(mesh: Topology, darts: Mask) -> Weights:
+    """The points of the limit surface of darts (V,), vertices with a single sharp edge.
+
+    In each step the neighbour along the sharp edge, 0, becomes 1/2 1/2, and the others 3/8 3/8 1/8 1/8. So the weights
+    w_i of neighbours, for weight 1 of the vertex, satisfy
+
+        5/8 w_i = beta + (w_(i - 1) + w_(i + 1)) / 8    (where w_0 counts as 0)
+        1/2 w_0 = beta + (w_1 + w_(n - 1)) / 8
+
+    Hence w_i = 8/3 beta (1 - (r^i + r^(n - i)) / (1 + r^n)) with r + 1 / r = 5.
+    """
+    rows, columns = (np.concatenate([mesh.edges[:, k], mesh.edges[:, 1 - k]]) for k in range(2))
+    spokes = np.flatnonzero(darts[rows])  # edge e has the numbers e, at its first end, and E + e
+    rows, columns = rows[spokes], columns[spokes]
+    place = _from_sharp(mesh, darts, spokes)
+    n, beta = mesh.valences[rows], _beta(mesh.valences)[rows]
+    r = (5 - np.sqrt(21)) / 2
+    weights = 8 / 3 * beta * (1 - (r**place + r ** (n - place)) / (1 + r**n))
+    next_to = np.zeros(mesh.n_vertices)
+    next_to[rows[place == 1]] = weights[place == 1]
+    weights = np.where(place == 0, 2 * beta + next_to[rows] / 2, weights)
+    sums = 1 + np.bincount(rows, weights, mesh.n_vertices)
+    own = np.flatnonzero(darts)
+    return Weights(
+        np.concatenate([own, rows]),
+        np.concatenate([own, columns]),
+        np.concatenate([1 / sums[own], weights / sums[rows]]),
+        mesh.n_vertices,
+    )
+
+
+def _from_sharp(mesh: Topology, darts: Mask, spokes: I64) -> I64:
+    """How many faces lie between the spokes of darts and the sharp one, at most `FARTHEST`.
+
+    spokes: (S,) numbers, rising: edge e has the numbers e, at its first end, and E + e.
+    """
+    n_edges = len(mesh.edges)
+    place = np.where(mesh.sharp[spokes % n_edges], 0, FARTHEST)
+    face, corner = np.nonzero(darts[mesh.faces])
+    pair = []
+    for k in (corner, (corner + 2) % 3):  # the edges that start and end at the corner
+        edge = mesh.face_edges[face, k]
+        at_second = mesh.edges[edge, 0] != mesh.faces[face, corner]
+        pair.append(np.searchsorted(spokes, edge + n_edges * at_second))
+    for _ in range(FARTHEST):
+        before = place.copy()
+        for a, b in (pair, pair[::-1]):
+            np.minimum.at(place, a, before[b] + 1)
+        if np.array_equal(place, before):
+            break
+    return place
 
 
 class _Kinds(NamedTuple):
