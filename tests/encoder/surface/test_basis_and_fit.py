@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from control_meshes import NO_EDGES, arrays, mean_distance, square, target_of
 
-from cndhf_codec.decoder.surface.levels import first_level, next_level
+from cndhf_codec.decoder.surface.levels import Level, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.encoder.surface import fit as fit_module
 from cndhf_codec.encoder.surface.basis import Basis, basis_of
@@ -36,7 +36,7 @@ def case(request) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_the_surface_is_the_decoders(case, levels):
     vertices, faces, sharp = case
     basis = basis_of(faces, len(vertices), sharp, levels)
-    level = first_level(topology_of(faces, len(vertices), sharp), vertices)
+    level = Level(0, topology_of(faces, len(vertices), sharp), vertices)
     for _ in range(levels):
         level = next_level(level)
     np.testing.assert_allclose(basis.surface(vertices), level.limit, atol=1e-12)
