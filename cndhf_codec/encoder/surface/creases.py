@@ -46,12 +46,10 @@ def fit_with_creases(mesh: Manifold, target: Target, levels: int, trial_rounds: 
     topology = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
     inner = ~topology.sharp
     angled = inner & (_angles(mesh, topology.face_edges, len(topology.edges)) > LEAST_ANGLE)
-    choices = [np.zeros(len(inner), dtype=bool), angled, inner]
+    choices = [np.zeros(len(inner), dtype=bool), *([angled] if angled.any() else []), inner]
     tries: list[Fitted] = []
     around: list[F64] = []
     for marked in choices:
-        if tries and not marked.any():
-            break
         one, errors = _fit(mesh, topology.edges, marked, target, levels, trial_rounds)
         tries.append(one)
         # The error around an edge: that of all faces at its ends.
