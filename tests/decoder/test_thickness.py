@@ -40,7 +40,10 @@ def test_the_thickness_of_a_plate():
 
 def test_ordinary_solids_are_not_thin(golden):
     for path in golden.glob("*.cndhf"):
-        found = thickness(load(path)._shape.solid.dhfs)
+        model = load(path)
+        if model.representation == "surface":
+            continue
+        found = thickness(model._shape.solid.dhfs)
         assert found is None or found.resolution < 256
 
 

@@ -10,10 +10,10 @@ from cndhf_codec.errors import OptionError
 
 def test_presets():
     assert list(PRESETS) == ["paper", "fast", "default", "best"]
-    # What the paper prints.
+    # What the paper prints, but for the Laplacians' weight: ADR 034.
     paper = settings_for("paper")
     assert (paper.coverage, paper.rarity, paper.omega, paper.hidden_layers) == (0.999, "printed", 30, 5)
-    assert (paper.margin, paper.laplacian, paper.max_axes) == (0.1, 10, None)
+    assert (paper.margin, paper.laplacian, paper.max_axes) == (0.1, 1, None)
 
 
 def test_more_work_in_better_presets():
