@@ -175,7 +175,7 @@ class _Source:
     in the normalised frame. norm: that frame."""
 
     name: str
-    prepared: Prepared | AsGiven
+    prepared: AsGiven
     reference: tuple[F64, I64]
     norm: Normalisation
 
@@ -232,7 +232,7 @@ class _Surfaces:
         self._surface = encode_surface
 
     def prepared(self, source: Any, wall: Length | None, report: Report, seed: int) -> _Source:
-        made: Prepared | AsGiven
+        made: AsGiven
         if wall is None:
             made = as_given(source)
         else:
@@ -251,7 +251,7 @@ class _Surfaces:
         return _Made(container, 1.0, 1.0, 0.0)
 
 
-def _report_input(report: Report, made: Prepared | AsGiven) -> None:
+def _report_input(report: Report, made: AsGiven) -> None:
     report.faces, report.dropped_faces = len(made.given.faces), made.given.dropped
     report.flipped, report.assumptions, report.diagonal = made.flipped, made.assumptions, made.diagonal
 

@@ -30,14 +30,13 @@ WORTH_A_LINE = 0.001  # smaller shares are not reported: faces at silhouettes ar
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
-    """A mesh made ready to be encoded.
+class AsGiven:
+    """A mesh made ready to be encoded as the surface that it is, sheets and inner parts with it.
 
     given: the input. flipped: share of its surface whose orientation was reversed. norm: frame of solid and reference.
     solid: what is encoded, from a simplified mesh where the input is very large. reference: vertices and faces that the
     error is measured against: the input's, with its walls if it was thickened, without tiny parts far away. extents: of
     the input's bounding box, without such parts, in input units. assumptions: a line for each thing that was assumed.
-    refusal: why there is no solid to encode, with the remedy, or None.
     """
 
     given: Mesh
@@ -47,12 +46,21 @@ class Prepared:
     reference: tuple[F64, I64]
     extents: F64
     assumptions: list[str]
-    refusal: str | None
 
     @property
     def diagonal(self) -> float:
         """Diagonal of the bounding box, in input units."""
         return float(np.linalg.norm(self.extents))
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared(AsGiven):
+    """A mesh made ready to be encoded as a solid.
+
+    refusal: why there is no solid to encode, with the remedy, or None.
+    """
+
+    refusal: str | None
 
 
 def prepare(source: Any, thicken: Length | None = None) -> Prepared:
@@ -61,20 +69,14 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
     thicken: thickness of the wall that sheets get. Raises InputError, and MeshError for what is no mesh and for a wall
     that cannot be made. A surface too open to be a solid, or too thin for a file, gets a `refusal`.
     """
-    given = read_mesh(source)
-    assumptions = list(given.notes)
-    if given.dropped:
-        assumptions.append(f"{given.dropped} faces of zero area were left out")
-    mesh, outliers = without_outliers(given)
-    norm = normalisation(mesh)
-    solid = _solid(mesh, norm)
-    assumptions += [*outliers, *_repairs(solid)]
+    made, mesh = _as_given(source)
+    given, norm, solid, assumptions = made.given, made.norm, made.solid, made.assumptions
     if len(mesh.faces) > MOST_FACES:
         assumptions.append(
             f"the fit works on {len(solid.given)} faces, simplified from {len(mesh.faces)}; "
             "the error is measured against all of them"
         )
-    flipped, extents = solid.flipped, np.ptp(mesh.vertices, axis=0)
+    extents = made.extents
     refusal = None
     if thicken is not None:
         thickness = thicken.in_units(float(np.linalg.norm(extents)))
@@ -85,9 +87,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
             solid = _solid(mesh, norm)
     elif solid.open > MOST_OPEN:
         refusal = _no_inside(mesh.name, solid, extents)
-    reference = solid.vertices, solid.given
-    if len(mesh.faces) > MOST_FACES:
-        reference = norm.apply(mesh.vertices), mesh.faces
+    reference = _reference(mesh, norm, solid)
     if refusal is None:
         bare = _bare(solid) if solid.open else np.zeros(len(solid.faces), dtype=bool)
         if bare.any():
@@ -102,28 +102,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
                 "which comes back closed"
             )
         refusal = _too_thin(mesh.name, solid, norm)
-    return Prepared(given, flipped, norm, solid, reference, extents, assumptions, refusal)
-
-
-@dataclass(frozen=True, eq=False)
-class AsGiven:
-    """A mesh made ready to be encoded as the surface that it is.
-
-    Fields are those of `Prepared`. What is encoded are the faces of `solid`, sheets and inner parts with them.
-    """
-
-    given: Mesh
-    flipped: float
-    norm: Normalisation
-    solid: Solid
-    reference: tuple[F64, I64]
-    extents: F64
-    assumptions: list[str]
-
-    @property
-    def diagonal(self) -> float:
-        """Diagonal of the bounding box, in input units."""
-        return float(np.linalg.norm(self.extents))
+    return Prepared(given, made.flipped, norm, solid, reference, extents, assumptions, refusal)
 
 
 def as_given(source: Any) -> AsGiven:
@@ -131,6 +110,11 @@ def as_given(source: Any) -> AsGiven:
 
     Raises InputError, and MeshError for what is no mesh.
     """
+    return _as_given(source)[0]
+
+
+def _as_given(source: Any) -> tuple[AsGiven, Mesh]:
+    """Return also the mesh without tiny parts far away, in input coordinates."""
     given = read_mesh(source)
     assumptions = list(given.notes)
     if given.dropped:
@@ -138,11 +122,16 @@ def as_given(source: Any) -> AsGiven:
     mesh, outliers = without_outliers(given)
     norm = normalisation(mesh)
     solid = _solid(mesh, norm)
-    reference = solid.vertices, solid.given
-    if len(mesh.faces) > MOST_FACES:
-        reference = norm.apply(mesh.vertices), mesh.faces
     assumptions += [*outliers, *_repairs(solid)]
-    return AsGiven(given, solid.flipped, norm, solid, reference, np.ptp(mesh.vertices, axis=0), assumptions)
+    extents = np.ptp(mesh.vertices, axis=0)
+    return AsGiven(given, solid.flipped, norm, solid, _reference(mesh, norm, solid), extents, assumptions), mesh
+
+
+def _reference(mesh: Mesh, norm: Normalisation, solid: Solid) -> tuple[F64, I64]:
+    """Vertices and faces, normalised, that the error is measured against: all of the mesh, simplified or not."""
+    if len(mesh.faces) > MOST_FACES:
+        return norm.apply(mesh.vertices), mesh.faces
+    return solid.vertices, solid.given
 
 
 def solid_or_error(prepared: Prepared) -> Solid:
