@@ -34,7 +34,7 @@ if name == "encode":
         settings.PRESETS["fast"], max_axes=1, width=6, target_size=None, steps=20, batch=256, target_resolution=48,
         verify_resolution=24, samples=2000, joint_steps=20, rounds=1, round_steps=5,
     )
-    options = ["--preset", "fast", "--threads", "1"]
+    options = ["--preset", "fast", "--representation", "dhf", "--threads", "1"]
 else:
     import skimage.measure, trimesh
     import cndhf_codec.cli.decode, cndhf_codec.decoder.meshfile, cndhf_codec.decoder.model, cndhf_codec.decoder.reading

@@ -15,9 +15,11 @@ from ..files import STREAM, check_output
 from .streams import check_standard_output, standard_input
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..decoder.model import Model
     from ..encoder.check import Check
-    from ..encoder.report import Report
+    from ..encoder.report import Other, Report
     from ..encoder.settings import Preset, Representation
     from ..mesh.bodies import Bodies
 
@@ -37,14 +39,14 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--representation",
-    type=click.Choice(["dhf", "surface"]),
-    default="dhf",
-    show_default=True,
-    help="dhf: a solid as double height fields. surface: the surface as it is given, open or closed, with its inner "
-    "parts, as a subdivision surface; takes seconds.",
+    type=click.Choice(["auto", "dhf", "surface"]),
+    default="auto",
+    help="dhf: a solid as double height fields; takes minutes. surface: the surface as it is given, open or closed, "
+    "with its inner parts, as a subdivision surface; takes seconds. auto: the better one; --preset fast makes surfaces "
+    "alone, default tries height fields where they may win, best makes both.",
 )
-@click.option("--axes", type=int, help="Use at most this many double height fields.  [default: the preset's]")
-@click.option("--width", type=int, help="Neurons in each layer of the networks.  [default: the preset's]")
+@click.option("--axes", type=int, help="Use at most this many double height fields (dhf).  [default: the preset's]")
+@click.option("--width", type=int, help="Neurons in each layer of the networks (dhf).  [default: the preset's]")
 @click.option(
     "--target-size",
     metavar="SIZE",
@@ -107,14 +109,14 @@ def command(
 ) -> int:
     """Store the mesh INPUT (OBJ, PLY, STL, OFF, GLB, glTF or 3MF; .gz, .bz2, .xz or .zst of them) as OUTPUT.cndhf.
 
-    INPUT or OUTPUT may be `-`, the standard input or output. Hidden cavities are filled, and colours and texture
-    coordinates are not kept.
+    INPUT or OUTPUT may be `-`, the standard input or output. Colours and texture coordinates are not kept; double
+    height fields also fill hidden cavities.
     """
     given = standard_input() if source == STREAM else source
     if only_check:
         if target is not None:
             raise OptionError(f"--check writes nothing: leave {target} out")
-        return _check(given, as_json, thicken, unit, seed)
+        return _check(given, as_json, thicken, unit, seed, representation)
     if as_json:
         raise OptionError("--json goes with --check")
     if target is None:
@@ -158,16 +160,19 @@ def command(
     return 0
 
 
-def _check(source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: str | None, seed: int) -> int:
+def _check(
+    source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: str | None, seed: int, wanted: Representation
+) -> int:
     """Print the check and return the exit code, 1 where the mesh would be refused."""
     from ..encoder.check import check
 
     found = check(source, thicken=thicken, unit=unit, seed=seed)
-    click.echo(json.dumps(asdict(found), indent=2) if as_json else _checked(found))
-    return 0 if found.refusal is None else 1
+    refused = wanted == "dhf" and found.refusal is not None
+    click.echo(json.dumps(asdict(found), indent=2) if as_json else _checked(found, wanted))
+    return 1 if refused else 0
 
 
-def _checked(c: Check) -> str:
+def _checked(c: Check, wanted: Representation) -> str:
     from ..mesh.wording import counted, percent
 
     lines = [
@@ -186,19 +191,26 @@ def _checked(c: Check) -> str:
             lines.append(f"volume: about {c.volume:.3g}; parts are not counted, for the surface is open")
         else:
             lines.append(f"parts that do not touch: {c.parts}{tiny}; volume: {c.volume:.7g}")
-    if c.hidden and c.filled is not None:
+    if wanted != "surface" and c.hidden and c.filled is not None:
         lines.append(
-            f"hidden from every axis, to be filled: {percent(c.hidden)} of the surface, "
+            f"hidden from every axis, filled by double height fields: {percent(c.hidden)} of the surface, "
             f"a volume of about {c.filled:.4g}"
         )
-    if c.error_lower_bound:
+    if wanted != "surface" and c.error_lower_bound:
         lines.append(
             f"what is filled costs a mean error of about {c.error_lower_bound:.3g} "
             f"({100 * c.error_lower_bound / c.diagonal:.3f} % of the diagonal) with {c.axes} axes; the fit's own error "
             "comes on top"
         )
     lines += [f"assumed: {line}" for line in c.assumptions]
-    lines.append("would be encoded" if c.refusal is None else f"would be refused: {c.refusal}")
+    if wanted != "surface":
+        lines += [f"assumed by double height fields: {line}" for line in c.dhf_assumptions]
+    if c.refusal is None or wanted == "surface":
+        lines.append("would be encoded")
+    elif wanted == "dhf":
+        lines.append(f"would be refused: {c.refusal}")
+    else:
+        lines.append(f"would be encoded as a surface; not as double height fields: {c.refusal}")
     return "\n".join(lines)
 
 
@@ -230,8 +242,18 @@ def _summary(target: Path, model: Model, report: Report) -> str:
         f"mean {error(d.mean)}, p99 {error(d.p99)}, maximum {error(d.maximum)}",
         f"input: {_bodies(report.bodies)}; result: {_bodies(report.decoded)}",
     ]
+    if report.other is not None:
+        lines.append(_other(report.other, error))
     if mesh is None:
         lines.append(
             f"surface seen by the chosen axes: {100 * report.covered:.1f} % (by any axis: {100 * report.visible:.1f} %)"
         )
     return "\n".join(lines)
+
+
+def _other(other: Other, error: Callable[[float], str]) -> str:
+    name = {"dhf": "double height fields", "surface": "a surface"}[other.representation]
+    if other.how == "impossible":
+        return f"as {name}: not possible, for it bounds no solid"
+    of = {"at least": "at least", "trial": "in a short trial", "encoded": f"in {other.bytes} bytes"}[other.how]
+    return f"as {name}: mean error {of} {error(other.mean_error)}"

@@ -13,7 +13,7 @@ from ..errors import require
 from ..mesh.bodies import bodies_of_solid, filled_volume, piercing
 from ..mesh.connectivity import Edges, chains, edges_of, face_components
 from ..mesh.lengths import parse_length
-from ..mesh.prepare import prepare
+from ..mesh.prepare import as_given, as_solid
 from .dhf.axes.costs import AxisCosts
 from .dhf.settings import DEFAULT
 from .pipeline import check_seed
@@ -50,15 +50,18 @@ class Check:
     volume : float or None
         Of the solid: exact for a closed surface that does not pierce itself, else from 30,000 points.
     hidden : float or None
-        Share of the surface that no axis sees, which will be filled.
+        Share of the surface that no axis sees, which double height fields fill.
     axes : int or None
         Number of axes that the next two assume: that of preset `default`.
     filled, error_lower_bound : float or None
         Volume that the exact height fields along the best axes would fill, and the mean error that this would cause.
     assumptions : list of str
         A line for each thing that would be assumed.
+    dhf_assumptions : list of str
+        Lines for what double height fields would assume besides.
     refusal : str or None
-        Why it would not be encoded; then what describes the solid is None.
+        Why it would not be encoded as double height fields, but only as a surface; then what describes the solid is
+        None.
     """
 
     name: str
@@ -81,6 +84,7 @@ class Check:
     axes: int | None
     error_lower_bound: float | None
     assumptions: list[str]
+    dhf_assumptions: list[str]
     refusal: str | None
 
 
@@ -95,7 +99,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     Returns
     -------
     Check
-        A surface that `encode` refuses, for being open or too thin, has a `refusal`.
+        What can only be encoded as a surface, for being open or too thin, has a `refusal`.
 
     Raises
     ------
@@ -117,20 +121,22 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     for library in ("embreex", "igl", "trimesh"):
         require(library, "encode")
-    prepared = prepare(source, wall)
+    given = as_given(source)
+    prepared = as_solid(given, wall)
     mesh, solid, scale = prepared.given, prepared.solid, prepared.norm.scale
     edges = edges_of(mesh.faces, len(mesh.vertices))
     boundary = _boundary(mesh.faces, edges)
     pierced = piercing(solid, seed)
     parts = minor_parts = volume = filled = hidden = axes = bound = None
-    assumptions, refusal = prepared.assumptions, prepared.refusal
+    assumptions, refusal = (given if wall is None else prepared).assumptions, prepared.refusal
+    of_solid = prepared.assumptions[len(assumptions) :]
     if refusal is None:
         bodies = bodies_of_solid(solid, seed, pierced).scaled(scale)
         parts, minor_parts, volume = bodies.parts, bodies.minor, bodies.volume
         with ThreadPool(min(4, processors())) as threads:
             costs = AxisCosts(solid, seed, threads)
         hidden = 1 - costs.visible
-        assumptions = [*assumptions, *hidden_warning(costs.visible)]
+        of_solid = [*of_solid, *hidden_warning(costs.visible)]
         if costs.visible > 0:
             axes = DEFAULT.max_axes
             chosen = costs.best(axes)
@@ -161,6 +167,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         axes=axes,
         error_lower_bound=bound,
         assumptions=assumptions,
+        dhf_assumptions=of_solid,
         refusal=refusal,
     )
 

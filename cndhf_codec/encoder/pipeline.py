@@ -6,7 +6,7 @@ import math
 import os
 import time
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,6 @@ import numpy as np
 
 from .. import __version__
 from ..arguments import positive, whole_in
-from ..arrays import F64, I64
 from ..decoder.model import Model
 from ..decoder.parallel import processors
 from ..decoder.reading import loads
@@ -22,18 +21,24 @@ from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceE
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, CRC_SIZE, HEADER_SIZE, TABLE_ENTRY_SIZE
 from ..format.writer import pack_metadata
-from ..mesh.bodies import bodies_of_solid, bodies_of_surface
+from ..mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface
 from ..mesh.distances import surface_distances
 from ..mesh.lengths import Length, parse_length
-from ..mesh.normalise import Normalisation
-from ..mesh.prepare import AsGiven, Prepared, as_given, prepare, solid_or_error
+from ..mesh.prepare import AsGiven, as_given, as_solid, solid_or_error
+from ..mesh.solid import Solid
 from .deadline import Deadline
+from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
-from .report import Report, unseen
-from .settings import DhfSettings, PaperSettings, Preset, Representation, Settings, SurfaceSettings, settings_for
+from .report import Other, Report, unseen
+from .settings import DhfSettings, PaperSettings, Plan, Preset, Representation, Settings, SurfaceSettings, plan_for
 from .size_search import smallest_file
+from .thread_pool import ThreadPool
 
 VERIFY_SHARE = 0.1  # of a time limit
+# Height fields, which answer queries without a mesh, are kept where they have at most so much of a surface's error.
+AS_GOOD = 1.05
+WORTH_IT = 0.95  # they are fitted where they promise at most so much of it
+TRIAL_GAIN = 0.8  # error of the whole fit over that of the trial
 VERIFY_ERROR = "0.1%"  # most distance of the measured mesh from the limit surface, which few places come near to
 LARGEST_SEED = 2**32 - 1
 
@@ -42,7 +47,7 @@ def encode(
     source: Any,
     *,
     preset: Preset = "default",
-    representation: Representation = "dhf",
+    representation: Representation = "auto",
     axes: int | None = None,
     width: int | None = None,
     target_size: int | str | None = None,
@@ -65,13 +70,15 @@ def encode(
         (N, 3) coordinates, faces (M, 3) vertex numbers.
     preset : {"default", "fast", "best", "paper"}
         How much work to spend; "paper" is the published method, for comparison.
-    representation : {"dhf", "surface"}
+    representation : {"auto", "dhf", "surface"}
         "dhf": a solid as double height fields. "surface": the surface as it is given, open or closed, with its inner
-        parts, as a subdivision surface.
+        parts, as a subdivision surface. "auto": the one with less mean error, or fewer bytes with `target_error`;
+        height fields where they are within 5 %. Preset "fast" makes surfaces alone, "default" height fields only where
+        a short trial says that they will win, "best" both.
     axes : int, optional
-        The most double height fields to use. By default the preset's.
+        The most double height fields to use. By default the preset's. It means "dhf".
     width : int, optional
-        Neurons per layer of every network. By default it follows from the file's size.
+        Neurons per layer of every network. By default it follows from the file's size. It means "dhf".
     target_size : int or str, optional
         The most bytes of the file, as a number or such as "4KiB". By default the preset's.
     target_error : float or str, optional
@@ -126,9 +133,9 @@ def encode(
     >>> model.contains([[0, 0, 0.9], [0, 0, 1.1]])
     array([ True, False])
     """
-    settings = settings_for(preset, axes, width, target_size, steps, representation)
+    plan = plan_for(preset, representation, axes, width, target_size, steps)
     limit = None if target_error is None else parse_length(target_error, unit, "target error")
-    if limit is not None and (target_size is not None or width is not None or isinstance(settings, PaperSettings)):
+    if limit is not None and (target_size is not None or width is not None or isinstance(plan.dhf, PaperSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     seconds = math.inf if time_limit is None else positive(time_limit, "time limit", "seconds")
@@ -137,29 +144,19 @@ def encode(
     # Fail before any work is done where a library is missing or a name cannot be stored.
     for library in ("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"):
         require(library, "encode")
+    if plan.dhf is not None:
+        require("torch", "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
     # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
     metadata = Metadata(f"cndhf-codec {__version__}", 0.0, 0.0, 0.0, named)
     pack_metadata(metadata)
-    make = _Surfaces() if isinstance(settings, SurfaceSettings) else _HeightFields()
 
     deadline = Deadline(seconds)
     report = Report()
     clock = _Clock(report, progress)
     clock("read", 1)
-    source_mesh = make.prepared(source, wall, report, seed)
-    run = _Run(make, source_mesh, metadata, seed, threads, report, clock)
-
-    if limit is None:
-        model = run.attempt(settings, deadline)
-    else:
-
-        def attempt_size(size: int, more: int) -> tuple[Model, float]:
-            assert not isinstance(settings, PaperSettings)
-            made = run.attempt(replace(settings, target_size=size), deadline.part(1 / (more + 1)))
-            return made, made.report.distances.mean
-
-        model = smallest_file(attempt_size, limit.in_units(report.diagonal))
+    run = _Run(as_given(source), wall, metadata, seed, threads, report, clock, limit)
+    model = run.planned(plan, deadline)
     for line in model.report.warnings:
         warnings.warn(line, CndhfWarning, stacklevel=2)
     return model
@@ -167,17 +164,6 @@ def encode(
 
 def check_seed(seed: object) -> int:
     return whole_in(seed, "seed", 0, LARGEST_SEED)
-
-
-@dataclass(frozen=True, eq=False)
-class _Source:
-    """What is encoded. prepared: by `mesh.prepare`. reference: vertices and faces that the error is measured against,
-    in the normalised frame. norm: that frame."""
-
-    name: str
-    prepared: AsGiven
-    reference: tuple[F64, I64]
-    norm: Normalisation
 
 
 class _Made(NamedTuple):
@@ -190,35 +176,28 @@ class _Made(NamedTuple):
 
 
 class _HeightFields:
-    """Solids as double height fields. Torch and numba, which take seconds to load, are loaded before the clock runs."""
+    """Solids as double height fields."""
 
-    def __init__(self) -> None:
-        require("torch", "encode")
-        from .dhf.encode import encode_dhf
-        from .paper.encode import encode_paper
+    def prepared(self, given: AsGiven, wall: Length | None) -> AsGiven:
+        made = as_solid(given, wall)
+        solid_or_error(made)
+        return made
 
-        self._dhf, self._paper = encode_dhf, encode_paper
-
-    def prepared(self, source: Any, wall: Length | None, report: Report, seed: int) -> _Source:
-        made = prepare(source, wall)
-        solid = solid_or_error(made)
-        _report_input(report, made)
-        report.bodies = bodies_of_solid(solid, seed).scaled(made.norm.scale)
-        return _Source(made.given.name, made, made.reference, made.norm)
-
-    def encode(self, source: _Source, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
-        assert isinstance(source.prepared, Prepared)
-        solid = source.prepared.solid
+    def encode(self, source: AsGiven, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
         if isinstance(settings, DhfSettings):
+            from .dhf.encode import encode_dhf
+
             codec = CODEC_RANS
             metadata_bytes = len(pack_metadata(metadata)) + TABLE_ENTRY_SIZE
-            made = self._dhf(solid, settings, metadata_bytes, run.seed, run.threads, run.clock, deadline)
+            made = encode_dhf(source.solid, settings, metadata_bytes, run.seed, run.threads, run.clock, deadline)
         else:
+            from .paper.encode import encode_paper
+
             assert isinstance(settings, PaperSettings)
             codec = CODEC_ZSTD
-            made = self._paper(solid, settings, run.seed, run.threads, run.clock, deadline)
+            made = encode_paper(source.solid, settings, run.seed, run.threads, run.clock, deadline)
         if not made.records:
-            raise MeshError(unseen(source.name))
+            raise MeshError(unseen(source.given.name))
         container = Container(source.norm.centre, source.norm.scale, tuple(made.records), metadata, codec)
         return _Made(container, made.covered, made.visible, made.unknown)
 
@@ -226,34 +205,22 @@ class _HeightFields:
 class _Surfaces:
     """Surfaces as they are given."""
 
-    def __init__(self) -> None:
+    def prepared(self, given: AsGiven, wall: Length | None) -> AsGiven:
+        if wall is None:
+            return given
+        made = as_solid(given, wall)
+        solid_or_error(made)
+        return made
+
+    def encode(self, source: AsGiven, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
         from .surface.encode import encode_surface
 
-        self._surface = encode_surface
-
-    def prepared(self, source: Any, wall: Length | None, report: Report, seed: int) -> _Source:
-        made: AsGiven
-        if wall is None:
-            made = as_given(source)
-        else:
-            made = prepare(source, wall)
-            solid_or_error(made)
-        _report_input(report, made)
-        report.bodies = bodies_of_solid(made.solid, seed).scaled(made.norm.scale)
-        return _Source(made.given.name, made, made.reference, made.norm)
-
-    def encode(self, source: _Source, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
         assert isinstance(settings, SurfaceSettings)
         other = HEADER_SIZE + CRC_SIZE + 2 * TABLE_ENTRY_SIZE + len(pack_metadata(metadata))
-        solid = source.prepared.solid
-        mesh = self._surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
+        solid = source.solid
+        mesh = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
         container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=mesh)
         return _Made(container, 1.0, 1.0, 0.0)
-
-
-def _report_input(report: Report, made: AsGiven) -> None:
-    report.faces, report.dropped_faces = len(made.given.faces), made.given.dropped
-    report.flipped, report.assumptions, report.diagonal = made.flipped, made.assumptions, made.diagonal
 
 
 class _Run:
@@ -261,25 +228,101 @@ class _Run:
 
     def __init__(
         self,
-        make: _HeightFields | _Surfaces,
-        source: _Source,
+        given: AsGiven,
+        wall: Length | None,
         metadata: Metadata,
         seed: int,
         threads: int,
         report: Report,
         clock: _Clock,
+        limit: Length | None,
     ) -> None:
-        self._make, self._source, self._metadata, self._report = make, source, metadata, report
+        self._given, self._wall, self._metadata, self._report, self._limit = given, wall, metadata, report, limit
         self.seed, self.threads, self.clock = seed, threads, clock
+        self._measured: tuple[Solid, Bodies] | None = None
 
-    def attempt(self, settings: Settings, deadline: Deadline) -> Model:
+    def planned(self, plan: Plan, deadline: Deadline) -> Model:
+        """Make what is planned, and the choice where both representations are."""
+        if plan.surface is None:
+            assert plan.dhf is not None
+            return self._best(_HeightFields(), plan.dhf, deadline)
+        try:
+            surface = self._best(_Surfaces(), plan.surface, deadline)
+        except EncodeError:
+            # A few hundred bytes do not hold a surface of many parts; they may hold height fields.
+            if plan.dhf is None:
+                raise
+            return self._best(_HeightFields(), plan.dhf, deadline)
+        # Height fields take minutes: a time limit leaves them out.
+        if plan.dhf is None or deadline.passed() > 0:
+            return surface
+        assert isinstance(plan.dhf, DhfSettings)
+        doubt = self._doubted(plan.dhf, plan.trial, surface)
+        if doubt is not None:
+            surface.report.other = doubt
+            return surface
+        try:
+            dhf = self._best(_HeightFields(), plan.dhf, deadline)
+        except EncodeError:
+            return surface
+        measure = _bytes if self._limit is not None else _mean_error
+        kept, left = (dhf, surface) if measure(dhf) <= AS_GOOD * measure(surface) else (surface, dhf)
+        kept.report.other = Other(left.representation, _mean_error(left), len(left.dumps()), "encoded")
+        return kept
+
+    def _doubted(self, settings: DhfSettings, trial: DhfSettings | None, surface: Model) -> Other | None:
+        """Tell why height fields would not be better than a surface: the error that they have at least or that a short
+        fit has, or None where they may be."""
+        maker = _HeightFields()
+        try:
+            source = maker.prepared(self._given, self._wall)
+        except MeshError:
+            return Other("dhf", math.inf, 0, "impossible")
+        error = _mean_error(surface)
+        self.clock("trial", 1)
+        with ThreadPool(self.threads) as threads:
+            costs = AxisCosts(source.solid, self.seed, threads)
+        if costs.visible == 0:
+            return Other("dhf", math.inf, 0, "impossible")
+        # Only one of the two directed distances in the mean error sees what is filled.
+        least = costs.depth(costs.best(settings.max_axes)) / 2 * source.norm.scale
+        if least > WORTH_IT * error:
+            return Other("dhf", least, 0, "at least")
+        if trial is None:
+            return None
+        size = len(surface.dumps())
+        try:
+            made = self._attempt(maker, source, replace(trial, target_size=size), Deadline())
+        except EncodeError:
+            return None
+        if _mean_error(made) * TRIAL_GAIN > WORTH_IT * error:
+            return Other("dhf", _mean_error(made), len(made.dumps()), "trial")
+        return None
+
+    def _best(self, maker: _HeightFields | _Surfaces, settings: Settings, deadline: Deadline) -> Model:
+        """Encode with these settings, or to the smallest file that keeps to the target error."""
+        source = maker.prepared(self._given, self._wall)
+        if self._limit is None:
+            return self._attempt(maker, source, settings, deadline)
+
+        def attempt_size(size: int, more: int) -> tuple[Model, float]:
+            assert not isinstance(settings, PaperSettings)
+            sized = replace(settings, target_size=size)
+            made = self._attempt(maker, source, sized, deadline.part(1 / (more + 1)))
+            return made, _mean_error(made)
+
+        return smallest_file(attempt_size, self._limit.in_units(source.diagonal))
+
+    def _attempt(
+        self, maker: _HeightFields | _Surfaces, source: AsGiven, settings: Settings, deadline: Deadline
+    ) -> Model:
         """Encode with these settings. The model's report is that of this attempt."""
         from threadpoolctl import threadpool_limits
 
-        source, norm = self._source, self._source.norm
+        norm = source.norm
         # One BLAS thread: the fits bring their own threads, and no sum may depend on how many there are.
         with threadpool_limits(1, user_api="blas"):
-            made = self._make.encode(source, settings, self._metadata, self, deadline.part(1 - VERIFY_SHARE))
+            made = maker.encode(source, settings, self._metadata, self, deadline.part(1 - VERIFY_SHARE))
 
         self.clock("verify", 1)
         # Measure what a user would decode from the bytes on disk.
@@ -291,10 +334,11 @@ class _Run:
                 surface = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
         except SurfaceError as exc:
             raise EncodeError(
-                f"{source.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
-                "or more time"
+                f"{source.given.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower "
+                "preset, or more time"
             ) from exc
         measured = surface_distances(*source.reference, norm.apply(surface.vertices), surface.faces, self.seed)
+        bodies = self._bodies(source)
         self.clock.close()
         distances = measured.scaled(norm.scale)
         metadata = replace(
@@ -306,6 +350,13 @@ class _Run:
         model = Model(replace(made.container, metadata=metadata))
         model.report = replace(
             self._report,
+            representation=model.representation,
+            faces=len(source.given.faces),
+            dropped_faces=source.given.dropped,
+            flipped=source.flipped,
+            assumptions=source.assumptions,
+            diagonal=source.diagonal,
+            bodies=bodies,
             covered=made.covered,
             visible=made.visible,
             unknown=made.unknown,
@@ -317,6 +368,21 @@ class _Run:
             ),
         )
         return model
+
+    def _bodies(self, source: AsGiven) -> Bodies:
+        """Parts and volume of what is encoded, measured once."""
+        if self._measured is None or self._measured[0] is not source.solid:
+            self._measured = source.solid, bodies_of_solid(source.solid, self.seed).scaled(source.norm.scale)
+        return self._measured[1]
+
+
+def _mean_error(model: Model) -> float:
+    assert model.report.distances is not None
+    return model.report.distances.mean
+
+
+def _bytes(model: Model) -> float:
+    return float(len(model.dumps()))
 
 
 class _Clock:

@@ -15,12 +15,31 @@ MOST_VOLUME_CHANGE = 0.02
 MOST_HIDDEN = 0.02  # a larger share of the surface that no axis sees is worth a warning: it will be filled
 
 
+@dataclass(frozen=True)
+class Other:
+    """The representation that was not kept.
+
+    representation: "dhf" or "surface". mean_error: in input units, infinite where there is none. bytes: of its file, 0
+    where there is none. how: "encoded" as the other; by a short "trial"; "at least", the error of exact height fields;
+    "impossible", for the mesh bounds no solid.
+    """
+
+    representation: str
+    mean_error: float
+    bytes: int
+    how: str
+
+
 @dataclass
 class Report:
     """What an encode did and had to assume; lengths in input units, shares of the input's surface area.
 
     Attributes
     ----------
+    representation : str
+        Of the file: "dhf" or "surface".
+    other : Other or None
+        The representation that was tried and not kept.
     faces, dropped_faces : int
         Faces of the input, and those of zero area that were left out.
     flipped : float
@@ -42,6 +61,8 @@ class Report:
         Of each stage.
     """
 
+    representation: str = ""
+    other: Other | None = None
     faces: int = 0
     dropped_faces: int = 0
     flipped: float = 0.0
@@ -59,7 +80,7 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         """A line for each thing that a user should know before trusting the result."""
-        return [*self.assumptions, *hidden_warning(self.visible), *self._poor(), *self._changed()]
+        return [*self.assumptions, *hidden_warning(self.visible), *self._poor(), *self._changed(), *self._sheet()]
 
     def _poor(self) -> list[str]:
         # What is hidden comes back filled, which has its own warning. It may be a quarter of the diagonal away, and
@@ -69,6 +90,14 @@ class Report:
             return []
         share = 100 * self.distances.mean / self.diagonal
         return [f"the result is far from the input, {share:.1f} % of its diagonal on average; try another --seed"]
+
+    def _sheet(self) -> list[str]:
+        if self.decoded is None or self.decoded.closed:
+            return []
+        return [
+            "the surface is open: the file holds a sheet, of which nothing is inside; --thicken would give it a wall, "
+            "--representation dhf close holes"
+        ]
 
     def _changed(self) -> list[str]:
         """Warn of changed numbers of parts and specks, and of a changed volume."""

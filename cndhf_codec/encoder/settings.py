@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..arguments import whole_in
@@ -15,7 +15,7 @@ from .surface import settings as surface
 from .surface.settings import SurfaceSettings
 
 Preset = Literal["fast", "default", "best", "paper"]
-Representation = Literal["dhf", "surface"]
+Representation = Literal["auto", "dhf", "surface"]
 Settings = DhfSettings | PaperSettings | SurfaceSettings
 
 LEAST_SIZE = 400  # bytes; below this the header is most of the file
@@ -24,7 +24,47 @@ LEAST_WIDTH = 4
 # Evidence for these constants: ADR 022.
 PRESETS: dict[str, DhfSettings | PaperSettings] = {"paper": PAPER, "fast": FAST, "default": DEFAULT, "best": BEST}
 SURFACE_PRESETS = {"fast": surface.FAST, "default": surface.DEFAULT, "best": surface.BEST}
-REPRESENTATIONS = ("dhf", "surface")
+REPRESENTATIONS = ("auto", "dhf", "surface")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be made: a surface, height fields, or both, of which the better is kept.
+
+    trial: where both are planned, settings of short fits that tell whether height fields are worth their time; None
+    where they are made in any case.
+    """
+
+    surface: SurfaceSettings | None
+    dhf: DhfSettings | PaperSettings | None
+    trial: DhfSettings | None = None
+
+
+def plan_for(
+    preset: str,
+    representation: str = "auto",
+    axes: int | None = None,
+    width: int | None = None,
+    target_size: int | str | None = None,
+    steps: int | None = None,
+) -> Plan:
+    """Plan an encode. With "auto" a number of axes, a width and the preset `paper` mean height fields.
+
+    Raises OptionError for an unknown preset or representation, a value out of range, or options that exclude each
+    other.
+    """
+    if representation not in REPRESENTATIONS:
+        raise OptionError(f"representation is {representation!r}; there are {', '.join(REPRESENTATIONS)}")
+    only_dhf = preset not in SURFACE_PRESETS or any(value is not None for value in (axes, width, steps))
+    if representation == "dhf" or (representation == "auto" and only_dhf):
+        return Plan(None, settings_for(preset, axes, width, target_size, steps))
+    surface = _surface_settings(preset, target_size, {"axes": axes, "width": width, "steps": steps})
+    if representation == "surface" or preset == "fast":
+        return Plan(surface, None)
+    dhf = settings_for(preset, target_size=target_size)
+    assert isinstance(dhf, DhfSettings)
+    trial = replace(FAST, target_size=dhf.target_size) if preset == "default" else None
+    return Plan(surface, dhf, trial)
 
 
 def settings_for(
@@ -33,19 +73,14 @@ def settings_for(
     width: int | None = None,
     target_size: int | str | None = None,
     steps: int | None = None,
-    representation: str = "dhf",
-) -> Settings:
-    """Return a preset's settings, with the number of axes, the width or the file's size, and the steps changed where
-    given.
+) -> DhfSettings | PaperSettings:
+    """Return a preset's settings of height fields, with the number of axes, the width or the file's size, and the steps
+    changed where given.
 
     Raises OptionError for an unknown preset, a value out of range, or a width and a size together.
     """
     if not isinstance(preset, str) or preset not in PRESETS:
         raise OptionError(f"preset is {preset!r}; there are {', '.join(PRESETS)}")
-    if representation not in REPRESENTATIONS:
-        raise OptionError(f"representation is {representation!r}; there are {', '.join(REPRESENTATIONS)}")
-    if representation == "surface":
-        return _surface_settings(preset, target_size, {"axes": axes, "width": width, "steps": steps})
     settings = PRESETS[preset]
     if axes is not None:
         settings = replace(settings, max_axes=whole_in(axes, "axes", 1, MAX_DHFS))
@@ -68,6 +103,8 @@ def settings_for(
 
 
 def _surface_settings(preset: str, target_size: int | str | None, others: dict[str, int | None]) -> SurfaceSettings:
+    if preset not in PRESETS:
+        raise OptionError(f"preset is {preset!r}; there are {', '.join(PRESETS)}")
     if preset not in SURFACE_PRESETS:
         raise OptionError(f"preset {preset!r} makes height fields; with representation 'surface' take another")
     for name, value in others.items():

@@ -33,13 +33,15 @@ WORTH_A_LINE = 0.001  # smaller shares are not reported: faces at silhouettes ar
 class AsGiven:
     """A mesh made ready to be encoded as the surface that it is, sheets and inner parts with it.
 
-    given: the input. flipped: share of its surface whose orientation was reversed. norm: frame of solid and reference.
+    given: the input. mesh: the same without tiny parts far away, in input coordinates. flipped: share of its surface
+    whose orientation was reversed. norm: frame of solid and reference.
     solid: what is encoded, from a simplified mesh where the input is very large. reference: vertices and faces that the
     error is measured against: the input's, with its walls if it was thickened, without tiny parts far away. extents: of
     the input's bounding box, without such parts, in input units. assumptions: a line for each thing that was assumed.
     """
 
     given: Mesh
+    mesh: Mesh
     flipped: float
     norm: Normalisation
     solid: Solid
@@ -64,13 +66,17 @@ class Prepared(AsGiven):
 
 
 def prepare(source: Any, thicken: Length | None = None) -> Prepared:
-    """Read a source (see `read_mesh`) and make it a solid.
+    """Read a source (see `read_mesh`) and make it a solid: `as_given`, then `as_solid`, with their errors."""
+    return as_solid(as_given(source), thicken)
 
-    thicken: thickness of the wall that sheets get. Raises InputError, and MeshError for what is no mesh and for a wall
-    that cannot be made. A surface too open to be a solid, or too thin for a file, gets a `refusal`.
+
+def as_solid(made: AsGiven, thicken: Length | None = None) -> Prepared:
+    """Make a mesh a solid.
+
+    thicken: thickness of the wall that sheets get. Raises MeshError for a wall that cannot be made. A surface too open
+    to be a solid, or too thin for a file, gets a `refusal`.
     """
-    made, mesh = _as_given(source)
-    given, norm, solid, assumptions = made.given, made.norm, made.solid, made.assumptions
+    given, mesh, norm, solid, assumptions = made.given, made.mesh, made.norm, made.solid, [*made.assumptions]
     if len(mesh.faces) > MOST_FACES:
         assumptions.append(
             f"the fit works on {len(solid.given)} faces, simplified from {len(mesh.faces)}; "
@@ -102,7 +108,7 @@ def prepare(source: Any, thicken: Length | None = None) -> Prepared:
                 "which comes back closed"
             )
         refusal = _too_thin(mesh.name, solid, norm)
-    return Prepared(given, made.flipped, norm, solid, reference, extents, assumptions, refusal)
+    return Prepared(given, mesh, made.flipped, norm, solid, reference, extents, assumptions, refusal)
 
 
 def as_given(source: Any) -> AsGiven:
@@ -110,11 +116,6 @@ def as_given(source: Any) -> AsGiven:
 
     Raises InputError, and MeshError for what is no mesh.
     """
-    return _as_given(source)[0]
-
-
-def _as_given(source: Any) -> tuple[AsGiven, Mesh]:
-    """Return also the mesh without tiny parts far away, in input coordinates."""
     given = read_mesh(source)
     assumptions = list(given.notes)
     if given.dropped:
@@ -124,7 +125,7 @@ def _as_given(source: Any) -> tuple[AsGiven, Mesh]:
     solid = _solid(mesh, norm)
     assumptions += [*outliers, *_repairs(solid)]
     extents = np.ptp(mesh.vertices, axis=0)
-    return AsGiven(given, solid.flipped, norm, solid, _reference(mesh, norm, solid), extents, assumptions), mesh
+    return AsGiven(given, mesh, solid.flipped, norm, solid, _reference(mesh, norm, solid), extents, assumptions)
 
 
 def _reference(mesh: Mesh, norm: Normalisation, solid: Solid) -> tuple[F64, I64]:

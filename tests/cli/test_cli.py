@@ -66,7 +66,8 @@ def box(tmp_path) -> Path:
 @pytest.mark.usefixtures("tiny")
 def test_encode_decode_info(run, box, tmp_path):
     target, mesh = tmp_path / "box.cndhf", tmp_path / "back.ply"
-    code, out, err = run("encode", box, target, "--preset", "fast", "--source-name", "--seed", "3", "--threads", "1")
+    options = ["--preset", "fast", "--representation", "dhf", "--source-name", "--seed", "3", "--threads", "1"]
+    code, out, err = run("encode", box, target, *options)
     assert (code, err) == (0, "")
     assert f"{target}: {target.stat().st_size} bytes" in out
     assert "error in input units" in out
@@ -362,13 +363,17 @@ def test_check(run, box, tmp_path):
 
 
 def test_a_cloth_is_refused(run, fails, cloth, tmp_path):
-    assert "cloth.ply: it has no inside" in fails(1, "encode", cloth, tmp_path / "a.cndhf")
+    assert "cloth.ply: it has no inside" in fails(1, "encode", cloth, tmp_path / "a.cndhf", "--representation", "dhf")
     assert "a wall of 0.0001" in fails(1, "encode", cloth, tmp_path / "a.cndhf", "--thicken", "0.0001")
-    code, out, err = run("encode", cloth, "--check")
+    code, out, err = run("encode", cloth, "--check", "--representation", "dhf")
     assert (code, err) == (1, "")
     assert "would be refused" in out
     assert "--thicken 1%" in out
-    code, out, err = run("encode", cloth, "--check", "--json")
+    code, out, err = run("encode", cloth, "--check")
+    assert (code, err) == (0, "")
+    assert "would be encoded as a surface; not as double height fields: " in out
+    assert run("encode", cloth, "--check", "--representation", "surface")[1].endswith("\nwould be encoded\n")
+    code, out, err = run("encode", cloth, "--check", "--json", "--representation", "dhf")
     assert code == 1
     assert "no inside" in json.loads(out)["refusal"]
     assert run("encode", cloth, "--check", "--thicken", "2%")[0] == 0
@@ -376,7 +381,18 @@ def test_a_cloth_is_refused(run, fails, cloth, tmp_path):
 
 @pytest.mark.usefixtures("tiny")
 def test_a_cloth_gets_a_wall(run, cloth, tmp_path):
-    arguments = [cloth, tmp_path / "a.cndhf", "--preset", "fast", "--thicken", "5cm", "--unit", "m"]
+    arguments = [
+        cloth,
+        tmp_path / "a.cndhf",
+        "--preset",
+        "fast",
+        "--representation",
+        "dhf",
+        "--thicken",
+        "5cm",
+        "--unit",
+        "m",
+    ]
     code, _, err = run("encode", *arguments)
     assert code == 0
     assert "warning: sheets, 100.0 % of what is seen from outside, got a wall of 0.05" in err
@@ -547,7 +563,7 @@ def fails_by_interrupt(run, monkeypatch):
                 raise KeyboardInterrupt
 
         monkeypatch.setattr(Bar, "__call__", interrupt)
-        code, out, err = run("encode", *arguments, "--preset", "fast")
+        code, out, err = run("encode", *arguments, "--preset", "fast", "--representation", "dhf")
         assert (code, out) == (130, "")
         assert err.split() == ["cndhf-encode:", "error:", "interrupted;", "nothing", "was", "written"]
 

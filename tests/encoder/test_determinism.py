@@ -22,7 +22,8 @@ import sys
 sys.path.insert(0, sys.argv[1])
 import pytest, cndhf_codec, small
 small.make_tiny(pytest.MonkeyPatch())
-sys.stdout.buffer.write(cndhf_codec.encode(sys.argv[2], preset="fast", seed=3, threads=int(sys.argv[3])).dumps())
+options = {"preset": "fast", "representation": "dhf", "seed": 3, "threads": int(sys.argv[3])}
+sys.stdout.buffer.write(cndhf_codec.encode(sys.argv[2], **options).dumps())
 """
 
 
@@ -40,7 +41,7 @@ def files(tmp_path_factory) -> dict[str, Path]:
 
 @pytest.mark.usefixtures("tiny")
 def test_another_process_and_other_threads(files):
-    here = encode(files["ply"], preset="fast", seed=3, threads=1).dumps()
+    here = encode(files["ply"], preset="fast", representation="dhf", seed=3, threads=1).dumps()
     command = [sys.executable, "-c", ENCODE, str(Path(__file__).parent.parent), str(files["ply"]), "2"]
     environment = {**os.environ, "PYTHONHASHSEED": "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"}
     assert subprocess.run(command, capture_output=True, env=environment, check=True).stdout == here
@@ -48,7 +49,7 @@ def test_another_process_and_other_threads(files):
 
 @pytest.mark.usefixtures("tiny")
 def test_the_same_geometry_from_every_kind_of_file(files):
-    made = {kind: encode(path, preset="fast", seed=3).dumps() for kind, path in files.items()}
+    made = {kind: encode(path, preset="fast", representation="dhf", seed=3).dumps() for kind, path in files.items()}
     assert {kind for kind in made if made[kind] == made["ply"]} == set(files)
 
 

@@ -27,7 +27,7 @@ settings.PRESETS["fast"] = replace(
     settings.PRESETS["fast"], max_axes=1, width=12, target_size=None, steps=150, joint_steps=200, samples=50_000,
     rounds=2, round_steps=50, verify_resolution=96,
 )
-model, report = encode_quietly(sys.argv[1], preset="fast")
+model, report = encode_quietly(sys.argv[1], preset="fast", representation="dhf")
 memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 print(report.faces, report.distances.mean / report.diagonal, memory)
 """

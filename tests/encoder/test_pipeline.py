@@ -47,7 +47,9 @@ def encoded(request):
     path = request.getfixturevalue(request.param)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(settings.PRESETS, "fast", SMALL)
-        return trimesh.load(path), *encode_quietly(path, preset="fast", seed=1, threads=2, source_name=True)
+        return trimesh.load(path), *encode_quietly(
+            path, preset="fast", representation="dhf", seed=1, threads=2, source_name=True
+        )
 
 
 def test_the_decoded_mesh_is_the_input_in_place_size_and_form(encoded):
@@ -114,7 +116,7 @@ def test_an_open_mesh_comes_back_closed():
     assert not open_sphere.is_watertight
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(settings.PRESETS, "fast", replace(SMALL, steps=300, verify_resolution=48))
-        model, _ = encode_quietly(open_sphere, preset="fast", threads=2)
+        model, _ = encode_quietly(open_sphere, preset="fast", representation="dhf", threads=2)
     mesh = model.to_mesh(48)
     assert mesh.is_watertight
     assert mesh.body_count == 1
@@ -133,29 +135,29 @@ def part():
 
 @pytest.mark.usefixtures("tiny")
 def test_equal_seeds_give_equal_bytes_whatever_the_threads(part):
-    one = encode(part, preset="fast", seed=5, threads=1).dumps()
-    assert encode(part, preset="fast", seed=5, threads=2).dumps() == one
-    assert encode(part, preset="fast", seed=5).dumps() == one
-    assert encode(part, preset="fast", seed=6, threads=1).dumps() != one
+    one = encode(part, preset="fast", representation="dhf", seed=5, threads=1).dumps()
+    assert encode(part, preset="fast", representation="dhf", seed=5, threads=2).dumps() == one
+    assert encode(part, preset="fast", representation="dhf", seed=5).dumps() == one
+    assert encode(part, preset="fast", representation="dhf", seed=6, threads=1).dumps() != one
 
 
 @pytest.mark.usefixtures("tiny")
 def test_kinds_of_source_give_one_result(part, tmp_path):
     part.export(tmp_path / "part.ply")
-    from_file = encode(tmp_path / "part.ply", preset="fast")
+    from_file = encode(tmp_path / "part.ply", preset="fast", representation="dhf")
     reread = trimesh.load(tmp_path / "part.ply", process=False)
-    assert from_file.dumps() == encode(reread, preset="fast").dumps()
-    assert from_file.dumps() == encode((reread.vertices, reread.faces), preset="fast").dumps()
+    assert from_file.dumps() == encode(reread, preset="fast", representation="dhf").dumps()
+    assert from_file.dumps() == encode((reread.vertices, reread.faces), preset="fast", representation="dhf").dumps()
     assert from_file.container.metadata.source is None  # only when asked
 
 
 @pytest.mark.usefixtures("tiny")
 def test_formats_give_equal_bytes(tmp_path):
     first, *_, glb, obj = write_every_format(lumps(), tmp_path)
-    expected = encode(first, preset="fast").dumps()
+    expected = encode(first, preset="fast", representation="dhf").dumps()
     assert (first.suffix, glb.suffix, obj.suffix) == (".ply", ".glb", ".obj")
-    assert encode(glb, preset="fast").dumps() == expected
-    assert encode(obj, preset="fast").dumps() == expected
+    assert encode(glb, preset="fast", representation="dhf").dumps() == expected
+    assert encode(obj, preset="fast", representation="dhf").dumps() == expected
 
 
 @pytest.mark.usefixtures("tiny")
@@ -165,7 +167,7 @@ def test_the_error_is_as_large_anywhere_and_in_any_unit(part, tmp_path):
         given, back = tmp_path / f"in.{extension}", tmp_path / f"out.{extension}"
         mesh = trimesh.Trimesh(part.vertices * size + [place, -place, 0], part.faces, process=False)
         write_mesh(mesh, given, overwrite=True)
-        model, report = encode_quietly(given, preset="fast", axes=1)
+        model, report = encode_quietly(given, preset="fast", representation="dhf", axes=1)
         write_mesh(model.to_mesh(32), back, overwrite=True)
         result = read_mesh(back)
         d = surface_distances(mesh.vertices, mesh.faces, result.vertices, result.faces, samples=20_000)
@@ -180,7 +182,10 @@ def test_place_and_size_do_not_matter(part):
     # Powers of two and coordinates on a lattice: nothing is rounded, so that the fits are equal to the bit.
     vertices = np.round(part.vertices * 2**10) / 2**10
     moved = vertices * 1024 + [2.0**20, 0, -(2.0**21)]
-    a, b = encode((vertices, part.faces), preset="fast"), encode((moved, part.faces), preset="fast")
+    a, b = (
+        encode((vertices, part.faces), preset="fast", representation="dhf"),
+        encode((moved, part.faces), preset="fast"),
+    )
     assert b.container.scale == 1024 * a.container.scale
     assert b.container.centre == tuple(np.array(a.container.centre) * 1024 + [2.0**20, 0, -(2.0**21)])
     assert b.container.metadata.mean_error == pytest.approx(1024 * a.container.metadata.mean_error, rel=1e-3)
@@ -191,14 +196,19 @@ def test_place_and_size_do_not_matter(part):
 
 @pytest.mark.usefixtures("tiny")
 def test_options_reach_the_model(part):
-    model = encode(part, preset="fast", axes=1, width=9)
+    model = encode(part, preset="fast", representation="dhf", axes=1, width=9)
     assert [(d.width, d.hidden_layers) for d in model.container.dhfs] == [(9, 5)]
 
 
 @pytest.mark.usefixtures("tiny")
 def test_progress_goes_through_the_stages_in_order(part):
     seen = []
-    encode(part, preset="fast", progress=lambda stage, done, total, loss=np.nan: seen.append((stage, done, total)))
+    encode(
+        part,
+        preset="fast",
+        representation="dhf",
+        progress=lambda stage, done, total, loss=np.nan: seen.append((stage, done, total)),
+    )
     stages = list(dict.fromkeys(stage for stage, _, _ in seen))
     assert stages == ["read", "axes", "fit", "joint fit", "round", "verify"]
     for stage in stages:
@@ -248,7 +258,7 @@ def test_meshes_that_bound_no_solid(tmp_path):
 @pytest.mark.parametrize("name", ["rocker-arm", "stanford-bunny"])
 def test_corpus(corpus, name):
     truth = trimesh.load(corpus / f"{name}.ply")
-    mesh = encode(corpus / f"{name}.ply", preset="fast").to_mesh(256)
+    mesh = encode(corpus / f"{name}.ply", preset="fast", representation="dhf").to_mesh(256)
     assert mesh.is_watertight
     np.testing.assert_allclose(mesh.bounds, truth.bounds, atol=0.005 * np.linalg.norm(truth.extents))
     volumes = sorted(abs(p.volume) for p in mesh.split(only_watertight=False))
@@ -285,7 +295,7 @@ def test_encode_warns_in_python_of_what_it_assumed():
     hollow = trimesh.util.concatenate([trimesh.creation.icosphere(3), trimesh.creation.icosphere(3, 0.5)])
     hollow.faces[len(hollow.faces) // 2 :] = hollow.faces[len(hollow.faces) // 2 :, ::-1]
     with pytest.warns(CndhfWarning, match="hidden from every axis"):
-        encode(hollow, preset="fast")
+        encode(hollow, preset="fast", representation="dhf")
 
 
 def test_check_foretells_a_refusal_for_being_unseen(monkeypatch):

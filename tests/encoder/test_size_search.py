@@ -47,23 +47,23 @@ def test_an_error_out_of_reach_says_what_was_reached():
 
 def test_an_encode_to_an_error(creature, tiny, monkeypatch):
     monkeypatch.setattr(size_search, "FIRST_SIZE", 1500)
-    model, report = encode_quietly(creature, preset="fast", target_error="8%")
+    model, report = encode_quietly(creature, preset="fast", representation="dhf", target_error="8%")
     assert report.distances.mean <= 0.08 * report.diagonal
     assert model.info["mean_error"] == pytest.approx(report.distances.mean, rel=1e-3)
     assert model.info["bytes"] == len(model.dumps()) < 1500
     monkeypatch.setattr(size_search, "LARGEST_SIZE", 1500)
     with pytest.raises(EncodeError, match="not reached"):
-        encode_quietly(creature, preset="fast", target_error="0.0001%")
+        encode_quietly(creature, preset="fast", representation="dhf", target_error="0.0001%")
 
 
 def test_an_error_and_a_size_exclude_each_other(creature):
     for options in ({"target_size": 4096}, {"width": 8}):
         with pytest.raises(OptionError, match="target error decides"):
-            encode_quietly(creature, preset="fast", target_error="1%", **options)
+            encode_quietly(creature, preset="fast", representation="dhf", target_error="1%", **options)
     with pytest.raises(OptionError, match="target error decides"):
         encode_quietly(creature, preset="paper", target_error="1%")
     with pytest.raises(OptionError, match="time limit"):
-        encode_quietly(creature, preset="fast", time_limit=0)
+        encode_quietly(creature, preset="fast", representation="dhf", time_limit=0)
 
 
 def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
@@ -71,5 +71,5 @@ def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
     monkeypatch.setitem(settings.PRESETS, "fast", endless)
     # A clock that goes on by a hundredth of a second per look.
     monkeypatch.setattr(deadline, "time", SimpleNamespace(monotonic=partial(next, count(0, 0.01))))
-    _, report = encode_quietly(creature, preset="fast", width=8, time_limit=12, threads=1)
+    _, report = encode_quietly(creature, preset="fast", representation="dhf", width=8, time_limit=12, threads=1)
     assert report.normalised.mean < 0.1

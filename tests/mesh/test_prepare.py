@@ -33,7 +33,7 @@ def test_a_sheet_is_refused_with_the_remedy(tmp_path):
     assert "--thicken 1%" in refusal
     assert "\n" not in refusal
     with pytest.raises(MeshError, match="it has no inside"):
-        encode(path)
+        encode(path, representation="dhf")
 
 
 @pytest.mark.parametrize(("place", "size"), [(0, 1), (1e6, 1), (0, 1e-4), (0, 1e6)])
@@ -123,7 +123,7 @@ def test_the_error_is_measured_against_the_input_as_given():
 @pytest.mark.usefixtures("tiny")
 def test_the_report_says_what_was_assumed_hidden_and_measured():
     shell, inner = box([-1] * 3, [1] * 3, inverted=True), box([-0.5] * 3, [0.5] * 3)  # a hollow box, inside out
-    model, report = encode_quietly(trimesh.util.concatenate([shell, inner]), preset="fast")
+    model, report = encode_quietly(trimesh.util.concatenate([shell, inner]), preset="fast", representation="dhf")
     assert report.visible == pytest.approx(0.8, abs=0.02)
     assert report.flipped == pytest.approx(1)
     assert [line.split(" % ")[1] for line in report.warnings[:2]] == [

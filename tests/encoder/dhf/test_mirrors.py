@@ -121,7 +121,7 @@ def test_a_symmetric_shape_is_stored_with_one_side(monkeypatch, tmp_path):
     tiny = replace(tiny, round_steps=30, target_resolution=96, verify_resolution=64, max_axes=2)
     monkeypatch.setitem(settings.PRESETS, "fast", tiny)
     turned = creature().apply_transform(trimesh.transformations.rotation_matrix(0.5, [1, 2, 3]))
-    model, report = encode_quietly(turned, preset="fast", target_size=1500)
+    model, report = encode_quietly(turned, preset="fast", representation="dhf", target_size=1500)
     assert any(d.fold for d in model.container.dhfs)
     assert report.normalised.mean < 0.03
     assert len(model.dumps()) <= 1500

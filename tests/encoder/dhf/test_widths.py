@@ -44,6 +44,6 @@ def test_a_target_size_is_met(creature, monkeypatch, size):
         settings.PRESETS["fast"], steps=60, batch=512, samples=10_000, joint_steps=80, rounds=2, round_steps=20
     )
     monkeypatch.setitem(settings.PRESETS, "fast", replace(tiny, target_resolution=96, verify_resolution=48))
-    model, _ = encode_quietly(creature, preset="fast", target_size=size)
+    model, _ = encode_quietly(creature, preset="fast", representation="dhf", target_size=size)
     assert 0.95 * size <= len(model.dumps()) <= size
     assert model.report.normalised.mean < 0.3

@@ -212,7 +212,7 @@ def test_options_of_height_fields_are_refused(options):
     with pytest.raises(OptionError, match="representation 'surface'") as caught:
         encode("no such file.ply", **{"representation": "surface", **options})
     assert len(str(caught.value).splitlines()) == 1
-    with pytest.raises(OptionError, match="representation is 'mesh'; there are dhf, surface"):
+    with pytest.raises(OptionError, match="representation is 'mesh'; there are auto, dhf, surface"):
         encode("no such file.ply", representation="mesh")
 
 
