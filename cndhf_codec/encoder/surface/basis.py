@@ -1,8 +1,10 @@
 """How points of the limit surface depend on the control vertices, prepared for the fit.
 
-The limit surface is tessellated by some levels of subdivision. Each vertex of the tessellation is a weighted sum of
-control vertices, a row of a sparse matrix. All points of one control face depend on the same few control vertices: the
-fit sums its normal equations face by face, in small dense blocks, which are then added up into one sparse matrix.
+The limit surface is tessellated by some levels of subdivision. Each triangle of the tessellation is curved: a quadratic
+patch through its corners and the middles of its sides, which are vertices of the next level. Each of these points is a
+weighted sum of control vertices, a row of a sparse matrix. All points of one control face depend on the same few
+control vertices: the fit sums its normal equations face by face, in small dense blocks, which are then added up into
+one sparse matrix.
 """
 
 from __future__ import annotations
@@ -21,8 +23,9 @@ from ...decoder.surface.subdivision import Weights, limit_positions, subdivide, 
 class Basis:
     """The limit surface of a control mesh of V vertices and F faces, tessellated.
 
-    matrix: (N, V) sparse, the tessellation's vertices from the control vertices. fine: (M, 3), its faces. owner: (M,)
-    the control face of each. ptr, support: the control vertices that face f depends on are
+    matrix: (N, V) sparse, points of the limit surface from the control vertices. fine: (M, 3) the corners of the
+    tessellation's faces. nodes: (M, 6) the nodes of their patches: the corners, then the middles of the sides that
+    follow each. owner: (M,) the control face of each. ptr, support: the control vertices that face f depends on are
     support[ptr[f] : ptr[f + 1]], ascending. slots: where each pair of them stands in the normal matrix, block by block;
     indptr, indices: the normal matrix in blocks of 3 by 3 (`scipy.sparse.bsr_array`).
     """
@@ -30,6 +33,7 @@ class Basis:
     n_vertices: int
     matrix: sp.csr_matrix
     fine: I64
+    nodes: I64
     owner: I64
     ptr: I64
     support: I64
@@ -42,7 +46,7 @@ class Basis:
         return len(self.ptr) - 1
 
     def surface(self, control: F64) -> F64:
-        """(N, 3) vertices of the tessellation, for control vertices (V, 3)."""
+        """(N, 3) the points, for control vertices (V, 3)."""
         return np.asarray(self.matrix @ control)
 
 
@@ -55,10 +59,13 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
         step = subdivide(mesh)
         matrix = _sparse(step.vertices, mesh.n_vertices) @ matrix
         mesh, owner = step.topology, np.tile(owner, 4)
-    matrix = sp.csr_matrix(_sparse(limit_positions(mesh), mesh.n_vertices) @ matrix)
+    fine, nodes = mesh.faces, np.column_stack([mesh.faces, mesh.n_vertices + mesh.face_edges])
+    last = subdivide(mesh)
+    matrix = _sparse(last.vertices, mesh.n_vertices) @ matrix
+    matrix = sp.csr_matrix(_sparse(limit_positions(last.topology), last.topology.n_vertices) @ matrix)
     matrix.sort_indices()
     corners = sp.csr_matrix(
-        (np.ones(3 * len(owner)), (np.repeat(owner, 3), mesh.faces.ravel())), shape=(len(faces), matrix.shape[0])
+        (np.ones(6 * len(owner)), (np.repeat(owner, 6), nodes.ravel())), shape=(len(faces), matrix.shape[0])
     )
     # abs: weights may be negative, and must not cancel here.
     touched = sp.csr_matrix(corners @ abs(matrix))
@@ -72,7 +79,8 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     return Basis(
         n_vertices,
         matrix,
-        mesh.faces,
+        fine,
+        nodes,
         owner,
         ptr,
         support,

@@ -7,6 +7,7 @@ along the normals (Chen and Medioni, 1991) shrink. Weights of 1 / distance make 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba as nb
@@ -16,15 +17,15 @@ import scipy.sparse as sp
 from ...arrays import F64, I32, I64
 from ...mesh.sampling import face_areas
 from .basis import Basis
-from .target import Target, Tree
+from .target import Closest, Target, Tree
 
 # Evidence for these constants: ADR 036.
-SAMPLES = 20_000  # points in each direction
 # Distances below this share of the mean weigh no more than those at it: the weight 1 / distance has no bound.
 FLOOR = 0.25
 # Added to the normal matrix's diagonal, relative to its mean: it holds vertices along the surface, where planes do not.
 DAMPING = 1e-2
 STEPS, TOLERANCE = 60, 1e-4  # of conjugate gradients
+GOLDEN = (math.sqrt(5) - 1) / 2
 OBLIQUE = 0.7  # cosine below which a closest point lies on an edge of the surface, not in a face
 
 
@@ -39,15 +40,15 @@ class Normal(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Points of the tessellation and what they should be near to.
+    """Points of the surface and what they should be near to.
 
-    faces: (K,) of the tessellation. places: (K, 3) barycentric. normals: (K, 3) along which distances count. gaps: (K,)
-    signed distance to go. distances: (K,). shares: (K,) of each distance in the mean of both directions. weights: (K,).
-    mean: that mean.
+    faces: (K,) of the tessellation. shapes: (K, 6) weights of a patch's nodes in the point. normals: (K, 3) along which
+    distances count. gaps: (K,) signed distance to go. distances: (K,). shares: (K,) of each distance in the mean of
+    both directions. weights: (K,). mean: that mean.
     """
 
     faces: I64
-    places: F64
+    shapes: F64
     normals: F64
     gaps: F64
     distances: F64
@@ -77,11 +78,11 @@ def linearised(basis: Basis, target: Target, control: F64, even: bool = False) -
     m = basis.matrix
     _add_up(
         _Rows(m.indptr, m.indices, m.data),
-        basis.fine,
+        basis.nodes,
         basis.ptr,
         basis.support,
         start,
-        _Samples(order, first, pairs.faces, pairs.places, pairs.normals, pairs.gaps, pairs.weights),
+        _Samples(order, first, pairs.faces, pairs.shapes, pairs.normals, pairs.gaps, pairs.weights),
         blocks,
         sides,
     )
@@ -122,29 +123,73 @@ def solved(matrix: sp.bsr_matrix, side: F64, damping: float) -> F64:
 
 def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
     surface = basis.surface(control)
-    fine = basis.fine
-    # Middles of faces at equal steps of area, so that they cover the surface evenly.
-    along = np.cumsum(face_areas(surface, fine))
-    drawn = np.searchsorted(along, (np.arange(SAMPLES) + 0.5) / SAMPLES * along[-1])
-    drawn = np.minimum(drawn, len(fine) - 1)
-    mine = surface[fine[drawn]].mean(axis=1)
-    there = target.closest(mine)
-    here = Tree(surface, fine).closest(target.samples)
+    drawn, places = _evenly(surface, basis.fine, len(target.samples))
+    mine = _shapes(places)
+    ours = _weighted(mine, surface[basis.nodes[drawn]])
+    there = target.closest(ours)
+    near = Tree(surface, basis.fine).closest(target.samples)
+    nodes = surface[basis.nodes[near.faces]]
+    theirs = _shapes(_nearer(nodes, _barycentric(near.points, nodes[:, :3]), target.samples))
+    points = _weighted(theirs, nodes)
+    here = Closest(np.linalg.norm(points - target.samples, axis=1), near.faces, points)
     mean = float(there.distances.mean() + here.distances.mean()) / 2
     distances = np.concatenate([there.distances, here.distances])
     counts = np.repeat([len(drawn), len(target.samples)], [len(drawn), len(target.samples)])
     shares = 0.5 / counts
     weights = shares / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
     normals = np.concatenate([target.face_normals[there.faces], target.normals])
-    offsets = np.concatenate([there.points - mine, target.samples - here.points])
+    offsets = np.concatenate([there.points - ours, target.samples - here.points])
     gaps = np.sum(offsets * normals, axis=1)
     # Off the edge of a sheet or a crease the nearest way is not along the normal.
     oblique = (np.abs(gaps) < OBLIQUE * distances) & (distances > 1e-9)
     normals[oblique] = offsets[oblique] / distances[oblique, None]
     gaps[oblique] = distances[oblique]
-    places = np.concatenate([np.full((len(drawn), 3), 1 / 3), _barycentric(here.points, surface[fine[here.faces]])])
     faces = np.concatenate([drawn, here.faces])
-    return Pairs(faces, places, normals, gaps, distances, shares, weights, mean)
+    return Pairs(faces, np.concatenate([mine, theirs]), normals, gaps, distances, shares, weights, mean)
+
+
+def _evenly(surface: F64, fine: I64, count: int) -> tuple[I64, F64]:
+    """Draw points that cover the surface evenly: faces (K,) and barycentric places (K, 3) in them.
+
+    Equal steps along the running sum of areas choose the face and one coordinate; multiples of the golden ratio the
+    other, which spread evenly (Weyl, 1916).
+    """
+    along = np.cumsum(face_areas(surface, fine))
+    wanted = (np.arange(count) + 0.5) / count * along[-1]
+    faces = np.minimum(np.searchsorted(along, wanted), len(fine) - 1)
+    before = np.where(faces > 0, along[faces - 1], 0.0)
+    root = np.sqrt(np.clip((wanted - before) / np.maximum(along[faces] - before, 1e-300), 0, 1))
+    other = np.arange(count) * GOLDEN % 1
+    return faces, np.column_stack([1 - root, root * (1 - other), root * other])
+
+
+def _shapes(places: F64) -> F64:
+    """(K, 6) weights of a patch's nodes at barycentric places (K, 3): quadratic Lagrange polynomials."""
+    a, b, c = places.T
+    return np.column_stack([a * (2 * a - 1), b * (2 * b - 1), c * (2 * c - 1), 4 * a * b, 4 * b * c, 4 * c * a])
+
+
+def _nearer(corners: F64, places: F64, samples: F64) -> F64:
+    """Move places (K, 3) in patches of nodes (K, 6, 3) nearer to samples (K, 3), by a step of Gauss and Newton."""
+    a, b, c = places.T
+    none = np.zeros_like(a)
+    # Derivatives of `_shapes` by b and by c, where a = 1 - b - c.
+    by_b = np.column_stack([1 - 4 * a, 4 * b - 1, none, 4 * (a - b), 4 * c, -4 * c])
+    by_c = np.column_stack([1 - 4 * a, none, 4 * c - 1, -4 * b, 4 * b, 4 * (a - c)])
+    u, v = _weighted(by_b, corners), _weighted(by_c, corners)
+    w = samples - _weighted(_shapes(places), corners)
+    uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
+    uw, vw = (u * w).sum(1), (v * w).sum(1)
+    area = np.maximum(uu * vv - uv * uv, 1e-300)
+    b = np.clip(b + (vv * uw - uv * vw) / area, 0, 1)
+    c = np.clip(c + (uu * vw - uv * uw) / area, 0, 1)
+    total = np.maximum(b + c, 1)
+    return np.column_stack([1 - (b + c) / total, b / total, c / total])
+
+
+def _weighted(shapes: F64, nodes: F64) -> F64:
+    """(K, 3) sums of nodes (K, 6, 3) with weights (K, 6)."""
+    return np.asarray(np.einsum("kn,knx->kx", shapes, nodes))
 
 
 def _barycentric(points: F64, corners: F64) -> F64:
@@ -172,7 +217,7 @@ class _Samples(NamedTuple):
     order: I64
     first: I64
     faces: I64
-    places: F64
+    shapes: F64
     normals: F64
     gaps: F64
     weights: F64
@@ -180,7 +225,7 @@ class _Samples(NamedTuple):
 
 @nb.njit(cache=True, parallel=True)
 def _add_up(
-    rows: _Rows, fine: I64, ptr: I64, support: I64, start: I64, samples: _Samples, blocks: F64, sides: F64
+    rows: _Rows, nodes: I64, ptr: I64, support: I64, start: I64, samples: _Samples, blocks: F64, sides: F64
 ) -> None:
     """Sum, for each control face, the products of its samples' rows into dense blocks of its support."""
     for f in nb.prange(len(ptr) - 1):
@@ -189,13 +234,13 @@ def _add_up(
         for i in range(samples.first[f], samples.first[f + 1]):
             s = samples.order[i]
             row[:] = 0
-            for c in range(3):
-                vertex, place = fine[samples.faces[s], c], samples.places[s, c]
+            for c in range(6):
+                vertex, share = nodes[samples.faces[s], c], samples.shapes[s, c]
                 q = 0
                 for p in range(rows.indptr[vertex], rows.indptr[vertex + 1]):
                     while support[ptr[f] + q] != rows.indices[p]:
                         q += 1
-                    row[q] += place * rows.data[p]
+                    row[q] += share * rows.data[p]
             normal, weight = samples.normals[s], samples.weights[s]
             for j in range(m):
                 if row[j] == 0:

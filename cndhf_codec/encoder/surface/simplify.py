@@ -34,13 +34,23 @@ class Simplified(NamedTuple):
 
 
 class Simplifier:
-    """Simplifies a mesh to fewer and fewer faces; each call goes on where the last has stopped.
+    """Simplifies a mesh to fewer and fewer faces; each call goes on where the last has stopped."""
 
-    vertices: (N, 3). faces: (M, 3), none with a vertex twice.
-    """
+    def __init__(self, state: _State) -> None:
+        self._state = state
 
-    def __init__(self, vertices: F64, faces: I64) -> None:
-        self._state = _start(np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces))
+    @classmethod
+    def of(cls, vertices: F64, faces: I64) -> Simplifier:
+        """Start with a mesh. vertices: (N, 3). faces: (M, 3), none with a vertex twice."""
+        return cls(_start(np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces)))
+
+    @property
+    def n_faces(self) -> int:
+        return int(self._state.n_alive[0])
+
+    def copy(self) -> Simplifier:
+        """One that goes on from here while this one stays."""
+        return Simplifier(_copied(self._state))
 
     def to(self, n_faces: int) -> Simplified:
         """Simplify to at most `n_faces` faces, or as far as topology allows."""
@@ -62,6 +72,20 @@ class _State(NamedTuple):
     quadrics: F64  # (N, 10): xx xy xz yy yz zz x y z 1
     stamps: I64  # (N,) how often a vertex has changed
     n_alive: I64  # (1,) how many faces are alive
+
+
+@nb.njit(cache=True)
+def _copied(s: _State) -> _State:
+    return _State(
+        s.vertices.copy(),
+        s.faces.copy(),
+        s.alive.copy(),
+        s.first.copy(),
+        s.after.copy(),
+        s.quadrics.copy(),
+        s.stamps.copy(),
+        s.n_alive.copy(),
+    )
 
 
 @nb.njit(cache=True)

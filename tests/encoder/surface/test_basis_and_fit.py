@@ -39,8 +39,43 @@ def test_the_surface_is_the_decoders(case, levels):
     level = Level(0, topology_of(faces, len(vertices), sharp), vertices)
     for _ in range(levels):
         level = next_level(level)
-    np.testing.assert_allclose(basis.surface(vertices), level.limit, atol=1e-12)
-    np.testing.assert_array_equal(basis.fine, level.topology.faces)
+    surface, topology = basis.surface(vertices), level.topology
+    np.testing.assert_allclose(surface, next_level(level).limit, atol=1e-12)
+    np.testing.assert_allclose(surface[: topology.n_vertices], level.limit, atol=1e-12)
+    np.testing.assert_array_equal(basis.fine, topology.faces)
+    np.testing.assert_array_equal(basis.nodes, np.column_stack([basis.fine, len(level.limit) + topology.face_edges]))
+
+
+def test_points_of_patches_lie_on_the_limit_surface():
+    vertices, faces = arrays(trimesh.creation.icosphere(1))
+    basis = basis_of(faces, len(vertices), NO_EDGES, 2)
+    level = Level(0, topology_of(faces, len(vertices), NO_EDGES), vertices)
+    for _ in range(5):
+        level = next_level(level)
+    exact = target_of(trimesh.Trimesh(level.limit, level.topology.faces, process=False), 10)
+    nodes = basis.surface(vertices)[basis.nodes]
+    places = np.tile([0.5, 0.3, 0.2], (len(nodes), 1))
+    off = exact.closest(fit_module._weighted(fit_module._shapes(places), nodes)).distances.max()
+    assert off < 0.1 * exact.closest(np.einsum("kn,knx->kx", places, nodes[:, :3])).distances.max()
+
+
+def test_a_step_towards_samples_is_exact_in_flat_patches():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    nodes = np.concatenate([corners, (corners + corners[[1, 2, 0]]) / 2])[None]
+    moved = fit_module._nearer(nodes, np.array([[1 / 3, 1 / 3, 1 / 3]]), np.array([[0.2, 0.5, 0.7]]))
+    np.testing.assert_allclose(moved, [[0.3, 0.2, 0.5]], atol=1e-12)
+    outside = fit_module._nearer(nodes, np.array([[1 / 3, 1 / 3, 1 / 3]]), np.array([[-1.0, 0.5, 0]]))
+    assert outside.min() >= 0
+    assert outside.sum() == pytest.approx(1)
+
+
+def test_points_are_spread_evenly():
+    mesh = trimesh.creation.icosphere(2)
+    faces, places = fit_module._evenly(*arrays(mesh), 20_000)
+    shares = np.bincount(faces, minlength=len(mesh.faces)) / 20_000
+    np.testing.assert_allclose(shares, mesh.area_faces / mesh.area, atol=1.01 / 20_000)
+    np.testing.assert_allclose(places.mean(axis=0), 1 / 3, atol=2e-3)
+    assert places.min() >= 0
 
 
 def test_rows_sum_to_one_and_owners_cover_their_faces(case):
@@ -57,7 +92,7 @@ def test_the_support_has_every_vertex_that_a_face_depends_on(case):
     dense = basis.matrix.toarray()
     for f in range(len(faces)):
         support = basis.support[basis.ptr[f] : basis.ptr[f + 1]]
-        rows = dense[np.unique(basis.fine[basis.owner == f])]
+        rows = dense[np.unique(basis.nodes[basis.owner == f])]
         np.testing.assert_array_equal(support, np.flatnonzero(np.abs(rows).max(axis=0)))
 
 
@@ -66,8 +101,8 @@ def dense_normal(basis: Basis, target, control) -> tuple[np.ndarray, np.ndarray]
     pairs = fit_module._paired(basis, target, control, even=False)
     weights = np.zeros((len(pairs.faces), basis.n_vertices))
     dense = basis.matrix.toarray()
-    for c in range(3):
-        weights += pairs.places[:, [c]] * dense[basis.fine[pairs.faces, c]]
+    for c in range(6):
+        weights += pairs.shapes[:, [c]] * dense[basis.nodes[pairs.faces, c]]
     rows = (weights[:, :, None] * pairs.normals[:, None, :]).reshape(len(weights), -1)
     return rows.T @ (rows * pairs.weights[:, None]), rows.T @ (pairs.weights * pairs.gaps)
 

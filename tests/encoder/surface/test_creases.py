@@ -57,7 +57,7 @@ def test_the_corners_of_a_sheet_are_sharp():
 
 def test_sharp_edges_are_edges_smaller_number_first():
     shape = trimesh.creation.annulus(0.3, 1, 1, sections=64)
-    vertices, faces = Simplifier(*arrays(shape)).to(120)
+    vertices, faces = Simplifier.of(*arrays(shape)).to(120)
     fitted = fit_with_creases(arrays(trimesh.Trimesh(vertices, faces, process=False)), target_of(shape), 2, 2, 2)
     assert len(fitted.sharp) > 20
     edges = {tuple(sorted(e)) for e in np.asarray(faces)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}

@@ -13,7 +13,7 @@ from cndhf_codec.mesh.distances import surface_distances
 
 
 def simplified(mesh: trimesh.Trimesh, n_faces: int) -> Simplified:
-    return Simplifier(np.array(mesh.vertices), np.array(mesh.faces)).to(n_faces)
+    return Simplifier.of(np.array(mesh.vertices), np.array(mesh.faces)).to(n_faces)
 
 
 @pytest.mark.parametrize("n", [639, 501, 100, 20])
@@ -24,7 +24,7 @@ def test_the_number_of_faces_is_reached(n):
 
 
 def test_no_face_has_a_vertex_twice():
-    simplifier = Simplifier(np.array(lumps().vertices), np.array(lumps().faces))
+    simplifier = Simplifier.of(np.array(lumps().vertices), np.array(lumps().faces))
     for n in (400, 100, 30, 8, 4):
         faces = simplifier.to(n).faces
         assert (faces != np.roll(faces, 1, axis=1)).all()
@@ -87,7 +87,7 @@ def test_a_part_that_touches_another_goes_alone():
     n = len(large.vertices)
     a, b, c = n, n + 1, n + 2
     faces = np.concatenate([large.faces, [(top, b, a), (top, c, b), (top, a, c), (a, b, c)]])
-    out = Simplifier(np.concatenate([large.vertices, new]), faces).to(len(large.faces))
+    out = Simplifier.of(np.concatenate([large.vertices, new]), faces).to(len(large.faces))
     left = trimesh.Trimesh(*out, process=False)
     assert len(out.faces) == len(large.faces)
     assert left.is_watertight
@@ -95,7 +95,7 @@ def test_a_part_that_touches_another_goes_alone():
 
 
 def test_each_call_goes_on_where_the_last_stopped():
-    simplifier = Simplifier(np.array(lumps().vertices), np.array(lumps().faces))
+    simplifier = Simplifier.of(np.array(lumps().vertices), np.array(lumps().faces))
     first = simplifier.to(600)
     assert len(simplifier.to(700).faces) == len(first.faces)
     assert len(simplifier.to(200).faces) <= 200
@@ -105,7 +105,7 @@ def test_it_repeats_and_leaves_its_input_alone():
     mesh = lumps()
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
     kept = vertices.copy(), faces.copy()
-    one, other = Simplifier(vertices, faces).to(300), Simplifier(vertices, faces).to(300)
+    one, other = Simplifier.of(vertices, faces).to(300), Simplifier.of(vertices, faces).to(300)
     assert one.vertices.tobytes() == other.vertices.tobytes()
     assert one.faces.tobytes() == other.faces.tobytes()
     np.testing.assert_array_equal(vertices, kept[0])

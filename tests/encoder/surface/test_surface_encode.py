@@ -21,7 +21,7 @@ from shapes import lumps
 from cndhf_codec import CndhfError, CndhfWarning, encode, load, loads
 from cndhf_codec.encoder import settings as encoder_settings
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.surface import fit, settings, to_size
+from cndhf_codec.encoder.surface import settings, to_size
 from cndhf_codec.encoder.surface.cut import cut
 from cndhf_codec.encoder.surface.encode import encode_surface
 from cndhf_codec.encoder.surface.to_size import surface_of_size
@@ -37,7 +37,6 @@ def make_quick(patch: pytest.MonkeyPatch) -> None:
     """A tenth of the work of the preset `fast`, for tests of sizes and kinds of mesh."""
     patch.setitem(encoder_settings.SURFACE_PRESETS, "fast", QUICK)
     patch.setattr(to_size, "FINE_FACES", 3000)
-    patch.setattr(fit, "SAMPLES", 3000)
 
 
 @pytest.fixture(autouse=True)
