@@ -255,5 +255,5 @@ def _other(other: Other, error: Callable[[float], str]) -> str:
     name = {"dhf": "double height fields", "surface": "a surface"}[other.representation]
     if other.how == "impossible":
         return f"as {name}: not possible, for it bounds no solid"
-    of = {"at least": "at least", "trial": "in a short trial", "encoded": f"in {other.bytes} bytes"}[other.how]
+    of = {"at least": "at least", "trial": "by a short trial about", "encoded": f"in {other.bytes} bytes"}[other.how]
     return f"as {name}: mean error {of} {error(other.mean_error)}"

@@ -20,8 +20,8 @@ class Other:
     """The representation that was not kept.
 
     representation: "dhf" or "surface". mean_error: in input units, infinite where there is none. bytes: of its file, 0
-    where there is none. how: "encoded" as the other; by a short "trial"; "at least", the error of exact height fields;
-    "impossible", for the mesh bounds no solid.
+    where there is none. how: "encoded" as the other; what a short "trial" promises; "at least", the error of exact
+    height fields; "impossible", for the mesh bounds no solid.
     """
 
     representation: str

@@ -9,7 +9,7 @@ from ..arguments import whole_in
 from ..errors import OptionError
 from ..format.constants import MAX_DHFS, MAX_FILE_SIZE, MAX_WIDTH
 from ..mesh.lengths import parse_size
-from .dhf.settings import BEST, DEFAULT, FAST, DhfSettings
+from .dhf.settings import BEST, DEFAULT, FAST, TRIAL, DhfSettings
 from .paper.settings import PAPER, PaperSettings
 from .surface import settings as surface
 from .surface.settings import SurfaceSettings
@@ -63,8 +63,7 @@ def plan_for(
         return Plan(surface, None)
     dhf = settings_for(preset, target_size=target_size)
     assert isinstance(dhf, DhfSettings)
-    trial = replace(FAST, target_size=dhf.target_size) if preset == "default" else None
-    return Plan(surface, dhf, trial)
+    return Plan(surface, dhf, TRIAL if preset == "default" else None)
 
 
 def settings_for(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-# Evidence for these constants: ADR 011; DEFAULT, FAST, BEST: 022.
+# Evidence for these constants: ADR 011; DEFAULT, FAST, BEST: 022; TRIAL: 037.
 REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps hold
 MOST_STEPS_FACTOR = 3.0  # smaller sizes get more steps, at most so many times as many
 MOST_STEPS_SIZE = 16384  # bytes up to which larger sizes get more steps; beyond, a step takes too long
@@ -73,3 +73,15 @@ FAST = replace(
     round_steps=250,
 )
 BEST = replace(DEFAULT, steps=1000, trial_steps=1000, joint_steps=100_000, rounds=5, round_steps=5000)
+# Tells in some 15 seconds whether height fields may be better than a surface.
+TRIAL = replace(
+    FAST,
+    target_size=2048,
+    steps=60,
+    target_resolution=256,
+    joint_steps=600,
+    samples=100_000,
+    rounds=1,
+    round_steps=60,
+    verify_resolution=128,
+)

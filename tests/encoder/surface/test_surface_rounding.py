@@ -67,6 +67,6 @@ def test_it_repeats(fitted):
     basis, _, target, control = fitted
     grids = [Rounding(basis, target, control).to(0.01).tobytes() for _ in range(2)]
     assert grids[0] == grids[1]
-    rounding = Rounding(*fitted)
+    rounding = Rounding(basis, target, control)
     rounding.to(0.05)
     assert rounding.to(0.01).tobytes() == grids[0]
