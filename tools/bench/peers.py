@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import DracoPy
 import fast_simplification
@@ -13,7 +13,9 @@ import pymeshlab
 import zstandard
 
 FACES = [int(80 * 1.5**k) for k in range(14)]  # 80 to 15,500; a mesh with no more than the last is also coded whole
-QUANTISATION_BITS = (10, 11, 12)
+QUANTISATION_BITS = (9, 10, 11, 12, 13, 14)
+AGGRESSIVENESS = (1, 2, 3, 4, 5, 6, 7)  # of fast-simplification: 7 is its default; the least stop before the count
+LARGEST = 24_576  # bytes; larger files say nothing about 16 KiB
 
 Mesh = tuple[np.ndarray, np.ndarray]
 Point = tuple[str, int, Mesh, float, float]  # peer and its options, bytes, decoded mesh, encode and decode seconds
@@ -26,11 +28,14 @@ def draco(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
             start = time.perf_counter()
             v, f = decimate(vertices, faces, count)
             simplified = time.perf_counter() - start
-            if len(f) < 4:
+            # What stops far above the count asked for is like what another count gives.
+            if not 4 <= len(f) <= 1.5 * count:
                 continue
             for bits in QUANTISATION_BITS:
                 start = time.perf_counter()
                 data = DracoPy.encode(v, f.astype(np.uint32), quantization_bits=bits, compression_level=10)
+                if len(data) > LARGEST:
+                    break
                 coded = time.perf_counter()
                 mesh = DracoPy.decode(data)
                 took = time.perf_counter() - coded
@@ -67,6 +72,8 @@ def meshopt(vertices: np.ndarray, faces: np.ndarray) -> Iterator[Point]:
             data = zstandard.ZstdCompressor(19).compress(raw)
             decoded = grid[:, :3].astype(np.float64) / (2**bits - 1) * extent + lo
             took = time.perf_counter() - start
+            if len(data) > LARGEST:
+                break
             yield (
                 f"meshopt {count} {bits}",
                 len(data) + 24,
@@ -82,9 +89,14 @@ def _counts(faces: np.ndarray) -> list[int]:
     return [*counts, len(faces)] if len(faces) <= FACES[-1] else counts
 
 
-def _fast_simplification(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
-    v, f = fast_simplification.simplify(vertices.astype(np.float32), faces.astype(np.int32), target_count=count)
-    return np.asarray(v, dtype=np.float32), np.asarray(f)
+def _fast_simplification(aggressiveness: int) -> Callable[[np.ndarray, np.ndarray, int], Mesh]:
+    def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
+        v, f = fast_simplification.simplify(
+            vertices.astype(np.float32), faces.astype(np.int32), target_count=count, agg=aggressiveness
+        )
+        return np.asarray(v, dtype=np.float32), np.asarray(f)
+
+    return decimate
 
 
 def _pymeshlab(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
@@ -102,4 +114,7 @@ def _whole(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
 
 
 WHOLE = (("whole", _whole),)
-DECIMATIONS = (("fast-simplification", _fast_simplification), ("pymeshlab", _pymeshlab))
+DECIMATIONS = (
+    *((f"fast-simplification-{k}", _fast_simplification(k)) for k in AGGRESSIVENESS),
+    ("pymeshlab", _pymeshlab),
+)

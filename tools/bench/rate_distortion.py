@@ -3,9 +3,11 @@
     python tools/bench/rate_distortion.py results/0.1 rocker-arm armadillo --budgets 1024,2048,4096
 
 Writes <out>/points.tsv (a row a measured point, the store that makes the run resumable), <out>/ratios.tsv (per mesh
-and budget: the best peer's CD, interpolated log-log on the lower envelope of its points, over ours; geometric means),
-a plot per mesh, and our files in <out>/files. These go through the command line tools; all errors are against the
-original mesh, normalised, in thousandths: CD, p99, maximum. A mesh is a name of the corpus (CNDHF_CORPUS) or a path.
+and budget: the best peer's CD, interpolated log-log on the lower envelope of its points, over ours; our p99, maximum
+and normals over those of that envelope; geometric means), a plot per mesh, and our files in <out>/files. These go
+through the command line tools; all errors are against the original mesh, normalised, in thousandths: CD, p99, maximum;
+and the mean angle between normals at nearest points, in degrees. A mesh is a name of the corpus (CNDHF_CORPUS) or a
+path.
 """
 
 from __future__ import annotations
@@ -25,21 +27,22 @@ import numpy as np
 import trimesh
 from tqdm import tqdm
 
-from cndhf_codec.mesh import distances as verify
-from cndhf_codec.mesh.normalise import normalisation
-from cndhf_codec.mesh.read import Mesh, read_mesh
+from cndhf_codec.mesh.read import read_mesh
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 sys.path.insert(0, str(Path(__file__).parent))
+from measure import SAMPLES, Reference
 
-COLUMNS = ("mesh", "method", "budget", "bytes", "CD", "p99", "max", "encode s", "decode s")
-PEER_SAMPLES = 50_000  # per surface, at some 130 points per mesh: their CD is good to half a per cent
+COLUMNS = ("mesh", "method", "budget", "bytes", "CD", "p99", "max", "normals", "encode s", "decode s")
+PEER_SAMPLES = 15_000  # per surface, at some 500 points per mesh; those near the envelope are measured as ours are
+NEAR = 1.03  # times the envelope
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(os.environ.get("CNDHF_CORPUS", ROOT.parent / "shared" / "corpus"))
 
 Row = dict[str, str]
+Mesh = tuple[np.ndarray, np.ndarray]
 
 
 def mesh_path(name: str) -> Path:
@@ -47,30 +50,33 @@ def mesh_path(name: str) -> Path:
     return path if path.exists() else next(iter(sorted(CORPUS.glob(f"{name}.*"))), path)
 
 
-def row(
-    mesh: Mesh, out: tuple[np.ndarray, np.ndarray], fields: dict[str, object], samples: int = verify.SAMPLES_PER_SURFACE
-) -> Row:
-    norm = normalisation(mesh)
-    d = verify.surface_distances(norm.apply(mesh.vertices), mesh.faces, norm.apply(out[0]), out[1], samples=samples)
-    figures = {"CD": d.mean * 1e3, "p99": d.p99 * 1e3, "max": d.maximum * 1e3}
-    return {k: f"{v:.4g}" if isinstance(v, float) else str(v) for k, v in {**fields, **figures}.items()}
+def row(reference: Reference, out: Mesh, fields: dict[str, object], samples: int = SAMPLES) -> Row:
+    figures = {**fields, **reference.figures(out, samples)}
+    return {k: f"{v:.4g}" if isinstance(v, float) else str(v) for k, v in figures.items()}
 
 
 def measure_peers(name: str) -> list[Row]:
     import peers
 
     mesh = read_mesh(mesh_path(name))
-    rows = []
+    reference = Reference(mesh)
+    rows, outs = [], []
     for points in (peers.draco, peers.meshopt):
         for method, size, out, encode, decode in points(mesh.vertices, mesh.faces):
             fields = {"mesh": name, "method": method, "budget": "-", "bytes": size}
-            rows.append(row(mesh, out, {**fields, "encode s": encode, "decode s": decode}, PEER_SAMPLES))
-    return rows
+            rows.append(row(reference, out, {**fields, "encode s": encode, "decode s": decode}, PEER_SAMPLES))
+            outs.append(out)
+    kept = []
+    sizes, errors = envelope(rows)
+    for r, out in zip(rows, outs, strict=True):
+        if float(r["CD"]) <= NEAR * float(np.exp(np.interp(np.log(int(r["bytes"])), np.log(sizes), np.log(errors)))):
+            kept.append({**r, **row(reference, out, {})})
+    return kept
 
 
 def measure_ours(name: str, method: str, budget: int, threads: int, files: Path) -> list[Row]:
-    """method: "cndhf", the preset and, for surfaces, "surface"."""
-    preset, *representation = method.split()[1:]
+    """method: "cndhf", the preset and the representation."""
+    preset, representation = method.split()[1:]
     mesh = read_mesh(mesh_path(name))
     with tempfile.TemporaryDirectory() as folder:
         coded, back = (
@@ -79,9 +85,8 @@ def measure_ours(name: str, method: str, budget: int, threads: int, files: Path)
         )
         encode = ["cndhf-encode", str(mesh_path(name)), str(coded), "--quiet", "--overwrite", "--preset", preset]
         decode = ["cndhf-decode", str(coded), str(back), "--quiet"]
-        if representation:
-            encode += ["--representation", *representation]
-        else:
+        encode += ["--representation", representation]
+        if representation == "dhf":
             decode += ["--resolution", "384"]
         start = time.perf_counter()
         subprocess.run([*encode, "--target-size", str(budget), "--threads", str(threads)], check=True)
@@ -91,7 +96,7 @@ def measure_ours(name: str, method: str, budget: int, threads: int, files: Path)
         surface = trimesh.load(back, process=False)
         out = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
         fields = {"mesh": name, "method": method, "budget": budget, "bytes": coded.stat().st_size}
-        return [row(mesh, out, {**fields, "encode s": middle - start, "decode s": end - middle})]
+        return [row(Reference(mesh), out, {**fields, "encode s": middle - start, "decode s": end - middle})]
 
 
 def load_rows(path: Path) -> list[Row]:
@@ -116,33 +121,40 @@ def envelope(rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([p[0] for p in best], dtype=float), np.array([p[1] for p in best])
 
 
-def ratio_of(ours: Row, peers: list[Row]) -> float:
+def at_envelope(peers: list[Row], size: float, column: str) -> float:
+    """A column of the peers' envelope at a size, NaN below its first point, interpolated log-log."""
     sizes, errors = envelope(peers)
-    size = float(ours["bytes"])
     if size < sizes[0]:
         return float("nan")
     # Beyond the last point a peer has nothing better to offer: its error there is what counts.
-    return float(np.exp(np.interp(np.log(size), np.log(sizes), np.log(errors)))) / float(ours["CD"])
+    on = {(int(r["bytes"]), float(r["CD"])): float(r[column]) for r in peers}
+    values = np.array([on[int(s), e] for s, e in zip(sizes, errors, strict=True)])
+    return float(np.exp(np.interp(np.log(size), np.log(sizes), np.log(np.maximum(values, 1e-6)))))
+
+
+RATIOS = ("ratio to the best peer", "p99 / peer", "max / peer", "normals / peer")
 
 
 def write_ratios(out: Path, rows: list[Row]) -> None:
-    lines = ["mesh\tmethod\tbudget\tbytes\tCD\tp99\tmax\tratio to the best peer\tencode s\tdecode s"]
-    groups: dict[tuple[str, str], list[float]] = {}
+    head = ("mesh", "method", "budget", "bytes", "CD", "p99", "max", "normals", *RATIOS, "encode s", "decode s")
+    lines = ["\t".join(head)]
+    groups: dict[tuple[str, str], list[list[float]]] = {}
     for r in sorted((r for r in rows if r["method"].startswith("cndhf")), key=lambda r: (int(r["budget"]), r["mesh"])):
         peers = [p for p in rows if p["mesh"] == r["mesh"] and not p["method"].startswith("cndhf")]
         if not peers:
             continue
-        ratio = ratio_of(r, peers)
-        groups.setdefault((r["method"], r["budget"]), []).append(ratio)
-        cells = [r[k] for k in ("mesh", "method", "budget", "bytes", "CD", "p99", "max")]
-        lines.append("\t".join([*cells, f"{ratio:.2f}", r["encode s"], r["decode s"]]))
-    for (method, budget), ratios in groups.items():
-        known = np.array([x for x in ratios if np.isfinite(x)])
+        size = float(r["bytes"])
+        ratios = [at_envelope(peers, size, "CD") / float(r["CD"])]
+        ratios += [float(r[c]) / at_envelope(peers, size, c) for c in ("p99", "max", "normals")]
+        groups.setdefault((r["method"], r["budget"]), []).append(ratios)
+        cells = [*(r[k] for k in head[:8]), *(f"{x:.2f}" for x in ratios), r["encode s"], r["decode s"]]
+        lines.append("\t".join(cells))
+    for (method, budget), of_group in groups.items():
+        known = np.array([x for x in of_group if np.isfinite(x).all()])
         if len(known):
-            mean = np.exp(np.log(known).mean())
-            lines.append(
-                f"geometric mean of {len(known)}\t{method}\t{budget}\t\t\t\t\t{mean:.2f} (least {known.min():.2f})\t\t"
-            )
+            means = np.exp(np.log(np.maximum(known, 1e-6)).mean(axis=0))
+            cells = [f"{means[0]:.2f} (least {known[:, 0].min():.2f})", *(f"{m:.2f}" for m in means[1:])]
+            lines.append("\t".join([f"geometric mean of {len(known)}", method, budget, *[""] * 5, *cells, "", ""]))
     (out / "ratios.tsv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -169,10 +181,10 @@ def plot(out: Path, name: str, rows: list[Row]) -> None:
 @click.argument("names", nargs=-1, required=True)
 @click.option("--budgets", default="1024,2048,4096,8192,16384", show_default=True, help="Bytes.")
 @click.option("--preset", default="default", show_default=True)
-@click.option("--representation", type=click.Choice(["dhf", "surface"]), default="dhf", show_default=True)
+@click.option("--representation", type=click.Choice(["auto", "dhf", "surface"]), default="auto", show_default=True)
 @click.option("--jobs", default=1, show_default=True, help="Points computed at a time.")
 def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, representation: str, jobs: int) -> None:
-    method = f"cndhf {preset}" if representation == "dhf" else f"cndhf {preset} surface"
+    method = f"cndhf {preset} {representation}"
     files = out / "files"
     files.mkdir(parents=True, exist_ok=True)
     store = out / "points.tsv"
