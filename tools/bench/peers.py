@@ -12,9 +12,9 @@ import numpy as np
 import pymeshlab
 import zstandard
 
-FACES = [int(80 * 1.5**k) for k in range(14)]  # 80 to 15,500; a mesh with no more than the last is also coded whole
+FACES = [int(80 * 1.5**k) for k in range(2, 14)]  # 180 to 15,500; a mesh with no more than the last is also coded whole
 QUANTISATION_BITS = (9, 10, 11, 12, 13, 14)
-AGGRESSIVENESS = (1, 2, 3, 4, 5, 6, 7)  # of fast-simplification: 7 is its default; the least stop before the count
+AGGRESSIVENESS = (1, 2, 3, 5, 7)  # of fast-simplification: 7 is its default; the least stop before the count
 LARGEST = 24_576  # bytes; larger files say nothing about 16 KiB
 
 Mesh = tuple[np.ndarray, np.ndarray]
