@@ -36,8 +36,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from measure import SAMPLES, Reference
 
 COLUMNS = ("mesh", "method", "budget", "bytes", "CD", "p99", "max", "normals", "encode s", "decode s")
-# Per surface, at some 400 points per mesh, and at those of them that are at most NEAR times the envelope: the CD is then
-# good to half a per cent.
+# Per surface, at some 400 points per mesh, then at those of them that are at most NEAR times the envelope: the CD is
+# then good to half a per cent.
 PEER_SAMPLES, NEAR_SAMPLES, NEAR = 8_000, 50_000, 1.03
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(os.environ.get("CNDHF_CORPUS", ROOT.parent / "shared" / "corpus"))
