@@ -42,11 +42,11 @@ def _directed(of: Tree, to: Tree, samples: int) -> tuple[np.ndarray, float]:
     rng = np.random.default_rng(0)
     drawn = draw_faces(face_areas(of.vertices, of.faces), samples, rng)
     closest = to.closest(points_in(of.vertices[of.faces[drawn]], rng))
-    cosine = np.abs(np.sum(_normals(of)[drawn] * _normals(to)[closest.faces], axis=1))
+    cosine = np.abs(np.sum(normals_of(of)[drawn] * normals_of(to)[closest.faces], axis=1))
     return closest.distances, float(np.degrees(np.arccos(np.clip(cosine, 0, 1))).mean())
 
 
-def _normals(tree: Tree) -> np.ndarray:
+def normals_of(tree: Tree) -> np.ndarray:
     a, b, c = (tree.vertices[tree.faces[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
