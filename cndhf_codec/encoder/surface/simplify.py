@@ -224,13 +224,27 @@ def _edges_by_cost(state: _State) -> list[tuple[float, np.int64, np.int64, np.in
     heap = [(0.0, np.int64(-1), np.int64(-1), np.int64(0))]
     heap.pop()
     for f in range(len(state.faces)):
+        if not state.alive[f]:
+            continue
         for k in range(3):
             u, v = state.faces[f, k], state.faces[f, (k + 1) % 3]
-            if u < v or _faces_at(state, u, v) == 1:
+            # Once per edge, but for edges of more than two faces.
+            if u < v or not _has_directed(state, v, u):
                 cost, _ = _best(state, u, v)
                 heap.append((cost, u, v, state.stamps[u] + state.stamps[v]))
     heapq.heapify(heap)
     return heap
+
+
+@nb.njit(cache=True)
+def _has_directed(state: _State, u: int, v: int) -> bool:
+    """Whether a face goes from u to v."""
+    c = state.first[u]
+    while c >= 0:
+        if state.alive[c // 3] and state.faces[c // 3, (c % 3 + 1) % 3] == v:
+            return True
+        c = state.after[c]
+    return False
 
 
 @nb.njit(cache=True)

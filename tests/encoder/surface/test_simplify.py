@@ -110,3 +110,25 @@ def test_it_repeats_and_leaves_its_input_alone():
     assert one.faces.tobytes() == other.faces.tobytes()
     np.testing.assert_array_equal(vertices, kept[0])
     np.testing.assert_array_equal(faces, kept[1])
+
+
+def test_the_seam_of_a_moebius_strip_collapses_like_other_edges():
+    """Faces on both sides of the seam go along it the same way."""
+    angle = np.linspace(0, np.pi, 13)[:-1]
+    across = np.array([-0.2, 0, 0.2])[:, None]
+    x = (1 + across * np.cos(angle)) * np.cos(2 * angle)
+    y = (1 + across * np.cos(angle)) * np.sin(2 * angle)
+    vertices = np.stack([x, y, across * np.sin(angle)], axis=-1).transpose(1, 0, 2).reshape(-1, 3)
+    # Twelve columns of three; the last joins the first upside down.
+    faces = []
+    for i in range(12):
+        for j in range(2):
+            a, b = 3 * i + j, 3 * i + j + 1
+            c, d = (3 * i + 3 + j, 3 * i + 4 + j) if i < 11 else (2 - j, 1 - j)
+            faces += [(a, c, b), (b, c, d)]
+    from cndhf_codec.encoder.surface.simplify import _edges_by_cost, _start
+
+    strip = np.array(faces)
+    edges = {(min(u, v), max(u, v)) for u, v in np.concatenate([strip[:, [k, (k + 1) % 3]] for k in range(3)]).tolist()}
+    found = [(min(u, v), max(u, v)) for _, u, v, _ in _edges_by_cost(_start(vertices, strip))]
+    assert set(found) == edges
