@@ -23,7 +23,8 @@ from .target import Closest, Target, Tree
 # Distances below this share of the mean weigh no more than those at it: the weight 1 / distance has no bound.
 FLOOR = 0.25
 # Added to the normal matrix's diagonal, relative to its mean: it holds vertices along the surface, where planes do not.
-DAMPING = 1e-2
+DAMPING = 1e-3
+FURTHER = 1.5  # rounds after the first go so many times as far as their solution: closest points lag behind
 STEPS, TOLERANCE = 60, 1e-4  # of conjugate gradients
 GOLDEN = (math.sqrt(5) - 1) / 2
 OBLIQUE = 0.7  # cosine below which a closest point lies on an edge of the surface, not in a face
@@ -59,10 +60,11 @@ class Pairs(NamedTuple):
 
 def fit(basis: Basis, target: Target, control: F64, rounds: int) -> F64:
     """Move control vertices (V, 3) in rounds; returns the new ones."""
-    for _ in range(rounds):
+    for k in range(rounds):
         normal = linearised(basis, target, control)
         damping = DAMPING * normal.matrix.diagonal().mean()
-        control = control + solved(normal.matrix, normal.side, damping).reshape(-1, 3)
+        move = solved(normal.matrix, normal.side, damping).reshape(-1, 3)
+        control = control + (move if k == 0 else FURTHER * move)
     return control
 
 
