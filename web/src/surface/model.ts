@@ -1,0 +1,119 @@
+/** The representation `surface`: the limit of a subdivided control mesh. */
+import { type Header, Shape, type Points, whole } from "../model.js";
+import { SheetError, SurfaceError } from "../errors.js";
+import { type Mesh, originOf, placed } from "../mesh.js";
+import type { Metadata } from "../metadata.js";
+import { rotationMatrix } from "../rotation.js";
+import { sectorsOf } from "./normals.js";
+import type { ControlMesh } from "./section.js";
+import { type Level, limitPositions, subdivide, valencesOf } from "./subdivision.js";
+import { WindingNumbers } from "./winding.js";
+
+const MAX_LEVEL = 6;
+const MAX_VERTICES = 2 ** 22; // of a mesh: half a gigabyte of arrays
+// The level that is taken by default is the finest one with at most so many triangles, but LEVELS_ENOUGH at most.
+const DISPLAY_FACES = 2 ** 16;
+const QUERY_FACES = 2 ** 18;
+const LEVELS_ENOUGH = 4;
+
+export interface SurfaceMeshOptions {
+  /** How often to subdivide: 0 to 6. By default as often as leaves at most 65,536 triangles, but 4 times at most. */
+  level?: number;
+}
+
+export class SurfaceModel extends Shape {
+  readonly representation = "surface";
+  private winding: WindingNumbers | undefined;
+
+  constructor(
+    header: Header,
+    metadata: Metadata,
+    /** What the file stores. */
+    readonly control: ControlMesh,
+  ) {
+    super(header, metadata);
+  }
+
+  /** Whether every edge has two faces; if not, it is a sheet, which has no inside. */
+  get closed(): boolean {
+    return !this.control.edges.opposite.includes(-1);
+  }
+
+  /** Whether neighbouring faces agree in orientation. */
+  get oriented(): boolean {
+    const { faces, edges } = this.control;
+    return edges.opposite.every((o, h) => o < 0 || faces[o] !== faces[h]);
+  }
+
+  /** The mesh of a level of subdivision, its vertices on the limit surface. Throws OptionError or SurfaceError. */
+  toMesh({ level = this.levelFor(DISPLAY_FACES) }: SurfaceMeshOptions = {}): Mesh {
+    const { topology, vertices } = this.level(level);
+    const valences = valencesOf(topology);
+    const limit = limitPositions({ topology, vertices }, valences);
+    const sectors = sectorsOf({ topology, vertices }, valences, limit);
+    const points = new Float64Array(3 * sectors.vertices.length);
+    sectors.vertices.forEach((v, i) => {
+      for (let k = 0; k < 3; k++) points[3 * i + k] = limit[3 * v + k]!;
+    });
+    const origin = originOf(this.centre, this.scale);
+    return {
+      positions: placed(points, this.centre, this.scale, origin),
+      normals: Float32Array.from(sectors.normals),
+      index: Uint32Array.from(sectors.ofCorner),
+      origin,
+    };
+  }
+
+  /** Throws SheetError where there is no inside. Answered from a mesh of up to 262,144 triangles. */
+  contains(points: Points): Uint8Array {
+    if (!this.closed || !this.oriented) {
+      throw new SheetError("the file holds a sheet, which has no inside: a surface with boundary, or not oriented");
+    }
+    if (!this.winding) {
+      const level = this.level(this.levelFor(QUERY_FACES));
+      this.winding = new WindingNumbers(limitPositions(level, valencesOf(level.topology)), level.topology.faces);
+    }
+    const p = this.normalised(points);
+    return new Uint8Array(p.length / 3).map((_, i) =>
+      this.winding!.at(p[3 * i]!, p[3 * i + 1]!, p[3 * i + 2]!) > 0 ? 1 : 0,
+    );
+  }
+
+  /** The control mesh after `number` steps of subdivision, in the normalised frame. */
+  private level(number: number): Level {
+    whole("level", number, 0, MAX_LEVEL);
+    const { control } = this;
+    const nFaces = (control.faces.length / 3) * 4 ** number;
+    if (nFaces > 2 * MAX_VERTICES) {
+      throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${2 * MAX_VERTICES} are allowed: ask for less`);
+    }
+    let level: Level = {
+      topology: {
+        nVertices: control.positions.length / 3,
+        faces: control.faces,
+        faceEdges: control.edges.ofHalf,
+        ends: control.edges.ends,
+        sharp: control.sharp,
+      },
+      vertices: this.controlVertices(),
+    };
+    for (let k = 0; k < number; k++) level = subdivide(level);
+    return level;
+  }
+
+  /** Three coordinates per control vertex, in the normalised frame. */
+  controlVertices(): Float64Array {
+    const { positions, step, quaternion } = this.control;
+    const r = rotationMatrix(quaternion);
+    return Float64Array.from(positions, (_, i) => {
+      const k = i % 3;
+      const [x, y, z] = [positions[i - k]! * step, positions[i - k + 1]! * step, positions[i - k + 2]! * step];
+      return r[k]! * x + r[3 + k]! * y + r[6 + k]! * z;
+    });
+  }
+
+  private levelFor(nFaces: number): number {
+    const times = Math.floor(Math.log2((3 * nFaces) / this.control.faces.length) / 2);
+    return Math.min(Math.max(times, 0), LEVELS_ENOUGH);
+  }
+}

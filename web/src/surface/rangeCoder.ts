@@ -1,0 +1,76 @@
+/** The adaptive binary range decoder: spec/cndhf.md, section 4.1. */
+import { PayloadError, TruncatedError } from "../errors.js";
+
+const LOOKAHEAD = 4; // bytes beyond the end that are taken as 0
+
+/** The chance of a 0 times 2^16, and how many bits were seen. */
+export class Context {
+  constructor(
+    public zero = 32768,
+    public count = 0,
+  ) {}
+}
+
+/** A context that starts from a chance of a 1 of `chance` 64ths. */
+export const closing = (chance: number): Context => new Context(65536 - 1024 * chance, 8);
+
+export const contexts = (n: number): Context[] => Array.from({ length: n }, () => new Context());
+
+export class RangeDecoder {
+  private range = 2 ** 32 - 1;
+  private code = 0;
+  private at = 0;
+
+  constructor(private readonly bytes: Uint8Array) {
+    for (let k = 0; k < LOOKAHEAD; k++) this.code = this.code * 256 + this.next();
+  }
+
+  bit(context: Context): number {
+    const { zero, count } = context;
+    const bound = (this.range >>> 16) * zero;
+    const bit = this.split(bound);
+    context.zero = bit ? zero - Math.floor(zero / (count + 2)) : zero + Math.floor((65536 - zero) / (count + 2));
+    if (count < 62) context.count = count + 1;
+    return bit;
+  }
+
+  raw(n: number): number {
+    let value = 0;
+    while (n--) value = 2 * value + this.split(this.range >>> 1);
+    return value;
+  }
+
+  /** Check that the bytes end here, as an encoder ends them. */
+  finish(): void {
+    const { at, bytes } = this;
+    let last = 0;
+    for (let k = at - LOOKAHEAD; k < at; k++) last = last * 256 + (bytes[k] ?? 0);
+    const low = (last - this.code + 2 ** 32) % 2 ** 32;
+    const value = low === 0 || low + this.range > 2 ** 32 ? 0 : Math.ceil(low / 2 ** 24) * 2 ** 24;
+    if (last !== value || bytes.length !== at - LOOKAHEAD + (value ? 1 : 0)) {
+      throw new PayloadError("the surface section goes on after its last symbol, or is damaged");
+    }
+  }
+
+  private split(bound: number): number {
+    let bit = 0;
+    if (this.code < bound) this.range = bound;
+    else {
+      bit = 1;
+      this.range -= bound;
+      this.code -= bound;
+    }
+    while (this.range < 2 ** 24) {
+      this.range *= 256;
+      this.code = this.code * 256 + this.next();
+    }
+    return bit;
+  }
+
+  private next(): number {
+    if (this.at === this.bytes.length + LOOKAHEAD) {
+      throw new TruncatedError("the surface section ends inside its symbols");
+    }
+    return this.bytes[this.at++] ?? 0;
+  }
+}
