@@ -1,5 +1,5 @@
 /** Header, section table and checksum: spec/cndhf.md, section 1. */
-import * as c from "./constants.js";
+import { c } from "./constants.js";
 import { crc32 } from "./crc32.js";
 import {
   ChecksumError,
@@ -12,6 +12,8 @@ import {
   TruncatedError,
   VersionError,
 } from "./errors.js";
+
+const SIGNATURE = [0x89, 0x44, 0x48, 0x46, 0x0d, 0x0a, 0x1a, 0x0a];
 
 /** One row of the section table, with its bytes in the file. */
 export interface Section {
@@ -53,11 +55,10 @@ export function readHeader(bytes: Uint8Array): Header {
   const [major, minor, nSections, nDhfs] = bytes.subarray(8) as unknown as [number, number, number, number];
   if (major !== c.MAJOR || (minor !== c.MINOR && minor !== c.MINOR_DHF)) {
     throw new VersionError(
-      `the file has format version ${major}.${minor}; this decoder reads ${c.MAJOR}.${c.MINOR_DHF} and ` +
-        `${c.MAJOR}.${c.MINOR}: encode the mesh again, or take the release that wrote it`,
+      `the file has format version ${major}.${minor}; this decoder reads 0.1 and 0.2: encode the mesh again`,
     );
   }
-  if (size > c.MAX_FILE_SIZE) throw new LimitError(`the file has ${size} bytes; the format allows ${c.MAX_FILE_SIZE}`);
+  if (size > c.MAX_FILE_SIZE) throw new LimitError(`the file has ${size} bytes; ${c.MAX_FILE_SIZE} are allowed`);
   inRange("field n_sections", nSections, 1, c.MAX_SECTIONS);
   let end = c.HEADER_SIZE + nSections * c.TABLE_ENTRY_SIZE;
   if (size < end + c.CRC_SIZE) throw new TruncatedError(`the file ends after ${size} bytes, inside the section table`);
@@ -71,13 +72,13 @@ export function readHeader(bytes: Uint8Array): Header {
   if (size < end + c.CRC_SIZE) throw new TruncatedError(announced);
   if (size > end + c.CRC_SIZE) throw new TrailingDataError(announced);
   if (crc32(bytes.subarray(0, end)) !== data.getUint32(end, true)) {
-    throw new ChecksumError("the checksum does not match: the file was damaged after it was written");
+    throw new ChecksumError("the checksum does not match: the file is damaged");
   }
   const hasSurface = minor === c.MINOR && sections.some((s) => s.kind === c.KIND_SURFACE);
   inRange("field n_dhfs", nDhfs, hasSurface ? 0 : 1, c.MAX_DHFS);
   const centre = [0, 1, 2].map((k) => data.getFloat64(12 + 8 * k, true)) as Header["centre"];
   if (!centre.every((x) => Math.abs(x) <= c.MAX_CENTRE)) {
-    throw new FieldError(`field centre is ${centre}; each must be finite and within 2^100 of 0`);
+    throw new FieldError(`field centre is ${centre}; -2^100 to 2^100 are allowed`);
   }
   const scale = data.getFloat32(36, true);
   if (!(scale >= c.MIN_SCALE && scale <= c.MAX_SCALE)) {
@@ -93,15 +94,15 @@ export function contents(header: Header): Contents {
   for (const { kind } of header.sections) {
     const isDhf = kind === c.KIND_RECORDS || kind === c.KIND_WEIGHTS;
     if (isDhf && surface) {
-      throw new SectionError("the file holds a surface and double height fields; a file holds one of them");
+      throw new SectionError("the file holds a surface and double height fields");
     }
     if (!(isDhf || kind & c.OPTIONAL || (isNew && kind === c.KIND_SURFACE))) {
-      throw new SectionError(`section kind ${kind} is mandatory and unknown to this decoder`);
+      throw new SectionError(`section kind ${kind} is unknown`);
     }
   }
   const metadata = sole(header, c.KIND_METADATA, "metadata", [c.CODEC_RAW]);
   if (surface) {
-    if (header.nDhfs) throw new FieldError(`field n_dhfs is ${header.nDhfs}; a file that holds a surface has 0`);
+    if (header.nDhfs) throw new FieldError(`field n_dhfs is ${header.nDhfs}; 0 is allowed beside a surface`);
     return { surface, metadata };
   }
   const records = sole(header, c.KIND_RECORDS, "records", [c.CODEC_RAW]);
@@ -136,17 +137,17 @@ export function checkQuaternion(quaternion: number[], name: string): void {
   const squares = quaternion.reduce((sum, x) => sum + x * x, 0);
   if (squares < c.QUATERNION_MIN_NORM ** 2 || squares > c.QUATERNION_MAX_NORM ** 2) {
     throw new FieldError(
-      `${name}: field quaternion has norm ${Math.sqrt(squares).toFixed()}; it must be near ${c.QUATERNION_ONE}`,
+      `${name}: field quaternion has norm ${Math.sqrt(squares).toFixed()}; 32000 to 33000 are allowed`,
     );
   }
 }
 
 function checkSignature(bytes: Uint8Array): void {
-  const first = c.SIGNATURE.findIndex((byte, i) => bytes[i] !== byte);
+  const first = SIGNATURE.findIndex((byte, i) => bytes[i] !== byte);
   if (first < 0) return;
   if (first === bytes.length) throw new TruncatedError(`the file ends after ${first} bytes, inside the signature`);
   if (bytes[1] === 0x44 && bytes[2] === 0x48 && bytes[3] === 0x46) {
-    throw new TextModeError("the signature is damaged as by a text-mode transfer; copy the file as binary");
+    throw new TextModeError("the signature is damaged by a text-mode transfer: copy the file as binary");
   }
   throw new SignatureError("this is not a .cndhf file (wrong signature)");
 }
@@ -154,11 +155,11 @@ function checkSignature(bytes: Uint8Array): void {
 function sole(header: Header, kind: number, name: string, codecs: number[]): Section | undefined {
   const found = header.sections.filter((s) => s.kind === kind);
   if (found.length > 1) {
-    throw new SectionError(`the ${name} section appears ${found.length} times; once is allowed`);
+    throw new SectionError(`the ${name} section appears ${found.length} times`);
   }
   const section = found[0];
   if (section && !codecs.includes(section.codec)) {
-    throw new SectionError(`the ${name} section has codec ${section.codec}; this decoder reads ${codecs}`);
+    throw new SectionError(`the ${name} section has codec ${section.codec}; ${codecs} are allowed`);
   }
   return section;
 }

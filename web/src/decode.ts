@@ -1,12 +1,12 @@
 /** Bytes to a model. */
-import { CODEC_RANS } from "./constants.js";
+import { c } from "./constants.js";
 import { contents, readHeader } from "./container.js";
 import { Field } from "./dhf/field.js";
 import { DhfModel } from "./dhf/model.js";
 import { dequantised } from "./dhf/network.js";
 import { decodeRans } from "./dhf/rans.js";
 import { readRecords } from "./dhf/records.js";
-import { FieldError, OptionError } from "./errors.js";
+import { FieldError, OptionError, PayloadError } from "./errors.js";
 import { readMetadata } from "./metadata.js";
 import { SurfaceModel } from "./surface/model.js";
 import { decodeSurface } from "./surface/section.js";
@@ -30,14 +30,19 @@ export async function decode(data: Uint8Array | ArrayBuffer): Promise<Model> {
   const sizes = drafts.flatMap((d) => d.sizes);
   const wide = drafts.flatMap((d) => [...d.steps].map((step) => step > 127));
   let symbols: Int16Array[];
-  if (weights!.codec === CODEC_RANS) {
+  if (weights!.codec === c.CODEC_RANS) {
     if (wide.includes(true)) {
-      throw new FieldError("a step byte has bit 7 set, which codec 2 of the weights section does not use");
+      throw new FieldError("a step byte has bit 7 set, which codec 2 does not use");
     }
     symbols = decodeRans(weights!.body, sizes);
   } else {
-    const { decodeZstd } = await import("./zstd/weights.js");
-    symbols = decodeZstd(weights!.body, sizes, wide);
+    const { decodeZstd, ZstdError } = await import("./zstd/weights.js");
+    try {
+      symbols = decodeZstd(weights!.body, sizes, wide);
+    } catch (error) {
+      if (error instanceof ZstdError) throw new PayloadError(error.message);
+      throw error instanceof RangeError ? new FieldError(error.message) : error;
+    }
   }
   let at = 0;
   const fields = drafts.map((record) => {

@@ -50,7 +50,7 @@ export abstract class Shape {
   /** 1 for each point (input coordinates) inside the solid, 0 for the others. */
   abstract contains(points: Points): Uint8Array;
 
-  abstract toMesh(options?: object): Mesh;
+  abstract toMesh(options?: object): Promise<Mesh>;
 
   /** Points of input coordinates in the normalised frame. */
   protected normalised(points: Points): Float64Array {

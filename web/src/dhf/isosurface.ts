@@ -1,5 +1,4 @@
 /** The surface f = 0 of an intersection of fields, by marching cubes on height tables. */
-import { SurfaceError } from "../errors.js";
 import { cases } from "./cases.js";
 import type { Field } from "./field.js";
 import { HeightTable } from "./table.js";
@@ -19,18 +18,21 @@ export interface Isosurface {
   index: Uint32Array;
 }
 
-/** `resolution`: cells along the longest side of the solid. Throws SurfaceError. */
+/** Why there is no surface. This file stands alone, so that loading it is one request. */
+export class NoSurfaceError extends Error {}
+
+/** `resolution`: cells along the longest side of the solid. Throws NoSurfaceError. */
 export function isosurface(fields: Field[], resolution: number): Isosurface {
   const weights = fields.reduce((sum, { record }) => sum + record.sizes.reduce((a, b) => a + b), 0);
   if (weights * resolution ** 2 > MAX_WORK) {
-    throw new SurfaceError(`this file asks for too much work at resolution ${resolution}: lower it`);
+    throw new NoSurfaceError(`this file asks for too much work at resolution ${resolution}: lower it`);
   }
   const tabulated = (spacing: (field: Field) => number): HeightTable[] =>
     fields.map((field) => new HeightTable(field, spacing(field), 2 * resolution));
   const coarse = solidBox(tabulated(({ record: { box } }) => Math.max(box[1]! - box[0]!, box[3]! - box[2]!) / COARSE));
   // Half a cell less, so that no node falls on the planes that bound the solid.
   const spacing = longest(coarse) / (resolution - 0.5);
-  if (!(spacing > 0)) throw new SurfaceError("the solid is empty");
+  if (!(spacing > 0)) throw new NoSurfaceError("the solid is empty");
   const tables = tabulated(() => spacing);
   const [low, high] = solidBox(tables);
   return new Grid(tables, low, high, spacing).march();
@@ -46,7 +48,7 @@ function solidBox(tables: HeightTable[]): Box {
   const high = [Infinity, Infinity, Infinity];
   for (const table of tables) {
     const box = table.solidBox();
-    if (!box) throw new SurfaceError("the solid is empty at this resolution; raise it");
+    if (!box) throw new NoSurfaceError("the solid is empty at this resolution; raise it");
     const r = table.field.rotation;
     for (let k = 0; k < 3; k++) {
       const corners = Array.from({ length: 8 }, (_, c) => r[k]! * box[c & 1]! + r[3 + k]! * box[2 + ((c >> 1) & 1)]! +
@@ -56,7 +58,7 @@ function solidBox(tables: HeightTable[]): Box {
     }
   }
   if (low.some((x, k) => x >= high[k]!)) {
-    throw new SurfaceError("the solid is empty: its double height fields do not meet");
+    throw new NoSurfaceError("the solid is empty: its double height fields do not meet");
   }
   return [low, high];
 }
@@ -87,7 +89,7 @@ class Grid {
       }
     }
     if (!this.index.length) {
-      throw new SurfaceError("the solid is empty or thinner than a cell; raise the resolution");
+      throw new NoSurfaceError("the solid is empty or thinner than a cell; raise the resolution");
     }
     const points = Float64Array.from(this.points);
     return { points, normals: this.normals(points), index: Uint32Array.from(this.index) };
@@ -171,7 +173,7 @@ class Grid {
     if (number !== undefined) return number;
     number = this.vertices.size;
     if (number === MAX_VERTICES) {
-      throw new SurfaceError(`the mesh has more than ${MAX_VERTICES} vertices; lower the resolution`);
+      throw new NoSurfaceError(`the mesh has more than ${MAX_VERTICES} vertices; lower the resolution`);
     }
     this.vertices.set(key, number);
     const point = node.map((i, k) => this.origin[k]! + this.spacing * i);

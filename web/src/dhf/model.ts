@@ -1,10 +1,9 @@
 /** The representation `dhf`: a solid as the intersection of double height fields. */
-import { OptionError } from "../errors.js";
+import { OptionError, SurfaceError } from "../errors.js";
 import { type Mesh, originOf, placed } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { type Header, type Points, Shape, whole } from "../model.js";
 import type { Field } from "./field.js";
-import { isosurface } from "./isosurface.js";
 
 const DEFAULT_RESOLUTION = 128;
 const MAX_RESOLUTION = 512;
@@ -51,12 +50,15 @@ export class DhfModel extends Shape {
   }
 
   /** The surface by marching cubes. Throws OptionError, or SurfaceError where it is empty or too large. */
-  toMesh({ resolution = DEFAULT_RESOLUTION }: DhfMeshOptions = {}): Mesh {
-    const { points, normals, index } = isosurface(
-      this.fields,
-      whole("resolution", resolution, 8, MAX_RESOLUTION),
-    );
-    const origin = originOf(this.centre, this.scale);
-    return { positions: placed(points, this.centre, this.scale, origin), normals, index, origin };
+  async toMesh({ resolution = DEFAULT_RESOLUTION }: DhfMeshOptions = {}): Promise<Mesh> {
+    whole("resolution", resolution, 8, MAX_RESOLUTION);
+    const { isosurface, NoSurfaceError } = await import("./isosurface.js");
+    try {
+      const { points, normals, index } = isosurface(this.fields, resolution);
+      const origin = originOf(this.centre, this.scale);
+      return { positions: placed(points, this.centre, this.scale, origin), normals, index, origin };
+    } catch (error) {
+      throw error instanceof NoSurfaceError ? new SurfaceError(error.message) : error;
+    }
   }
 }

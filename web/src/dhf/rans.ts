@@ -1,5 +1,5 @@
 /** Codec 2 of the weights section, rANS with a rounded Gaussian per tensor: spec/cndhf.md, section 3.2. */
-import { MAX_SYMBOL } from "../constants.js";
+import { c } from "../constants.js";
 import { view } from "../container.js";
 import { LimitError, PayloadError } from "../errors.js";
 
@@ -54,8 +54,7 @@ export function decodeRans(body: Uint8Array, sizes: number[]): Int16Array[] {
   const total = sizes.reduce((a, b) => a + b);
   if (total > FREE_SYMBOLS + SYMBOLS_PER_BYTE * body.length) {
     throw new LimitError(
-      `the weights section has ${body.length} bytes for ${total} symbols; at most ${FREE_SYMBOLS} and ` +
-        `${SYMBOLS_PER_BYTE} for each byte are allowed`,
+      `the weights section has ${body.length} bytes for ${total} symbols, which are too many`,
     );
   }
   let at = sizes.length + 4;
@@ -101,7 +100,7 @@ export function decodeRans(body: Uint8Array, sizes: number[]): Int16Array[] {
       else if (low) value = (bucket << low) + uniform(low);
       if (rising) value = last += value;
       else if (value && uniform(1)) value = -value;
-      if (Math.abs(value) > MAX_SYMBOL) throw new PayloadError(`a weight symbol is beyond ${MAX_SYMBOL}`);
+      if (Math.abs(value) > c.MAX_SYMBOL) throw new PayloadError(`a weight symbol is beyond ${c.MAX_SYMBOL}`);
       symbols[k] = value;
     }
     return symbols;

@@ -1,5 +1,5 @@
 /** The records of double height fields, without their weights: spec/cndhf.md, section 2. */
-import * as c from "../constants.js";
+import { c } from "../constants.js";
 import { checkQuaternion, inRange, view } from "../container.js";
 import { FieldError, LimitError, SectionError } from "../errors.js";
 
@@ -44,7 +44,7 @@ export function readRecords(body: Uint8Array, nDhfs: number): DhfRecord[] {
     need(nTensors);
     const steps = body.subarray(at, at + nTensors);
     at += nTensors;
-    if (role) throw new FieldError(`${name}: field role is ${role}; this version of the format defines only 0`);
+    if (role) throw new FieldError(`${name}: field role is ${role}; 0 is allowed`);
     if (fold > 3) throw new FieldError(`${name}: field fold is ${fold}; 0 to 3 are allowed`);
     checkQuaternion(quaternion, name);
     for (let k = 0; k < 6; k += 2) {

@@ -7,7 +7,7 @@ import { rotationMatrix } from "../rotation.js";
 import { sectorsOf } from "./normals.js";
 import type { ControlMesh } from "./section.js";
 import { type Level, limitPositions, subdivide, valencesOf } from "./subdivision.js";
-import { WindingNumbers } from "./winding.js";
+import { windingNumber } from "./winding.js";
 
 const MAX_LEVEL = 6;
 const MAX_VERTICES = 2 ** 22; // of a mesh: half a gigabyte of arrays
@@ -23,7 +23,7 @@ export interface SurfaceMeshOptions {
 
 export class SurfaceModel extends Shape {
   readonly representation = "surface";
-  private winding: WindingNumbers | undefined;
+  private winding: ReturnType<typeof windingNumber> | undefined;
 
   constructor(
     header: Header,
@@ -46,7 +46,7 @@ export class SurfaceModel extends Shape {
   }
 
   /** The mesh of a level of subdivision, its vertices on the limit surface. Throws OptionError or SurfaceError. */
-  toMesh({ level = this.levelFor(DISPLAY_FACES) }: SurfaceMeshOptions = {}): Mesh {
+  async toMesh({ level = this.levelFor(DISPLAY_FACES) }: SurfaceMeshOptions = {}): Promise<Mesh> {
     const { topology, vertices } = this.level(level);
     const valences = valencesOf(topology);
     const limit = limitPositions({ topology, vertices }, valences);
@@ -67,15 +67,15 @@ export class SurfaceModel extends Shape {
   /** Throws SheetError where there is no inside. Answered from a mesh of up to 262,144 triangles. */
   contains(points: Points): Uint8Array {
     if (!this.closed || !this.oriented) {
-      throw new SheetError("the file holds a sheet, which has no inside: a surface with boundary, or not oriented");
+      throw new SheetError("the file holds a sheet, which has no inside");
     }
     if (!this.winding) {
       const level = this.level(this.levelFor(QUERY_FACES));
-      this.winding = new WindingNumbers(limitPositions(level, valencesOf(level.topology)), level.topology.faces);
+      this.winding = windingNumber(limitPositions(level, valencesOf(level.topology)), level.topology.faces);
     }
     const p = this.normalised(points);
     return new Uint8Array(p.length / 3).map((_, i) =>
-      this.winding!.at(p[3 * i]!, p[3 * i + 1]!, p[3 * i + 2]!) > 0 ? 1 : 0,
+      this.winding!(p[3 * i]!, p[3 * i + 1]!, p[3 * i + 2]!) > 0 ? 1 : 0,
     );
   }
 

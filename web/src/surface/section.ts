@@ -28,7 +28,7 @@ export interface ControlMesh {
 
 export function decodeSurface(body: Uint8Array): ControlMesh {
   const size = body.length;
-  if (size < HEAD_SIZE) throw new SectionError(`the surface section has ${size} bytes; it has at least ${HEAD_SIZE}`);
+  if (size < HEAD_SIZE) throw new SectionError(`the surface section has ${size} bytes; it needs ${HEAD_SIZE}`);
   const data = view(body);
   const flags = body[0]!;
   const eighths = flags & 15;
@@ -48,7 +48,7 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
   }
   const coder = new RangeDecoder(body.subarray(start));
   const faces = decodeConnectivity(coder, size);
-  if (!faces.length) throw new PayloadError("the surface section holds no faces; a surface has at least one");
+  if (!faces.length) throw new PayloadError("the surface section holds no faces");
   const nVertices = 1 + faces.reduce((a, b) => Math.max(a, b));
   const edges = edgesOf(faces, nVertices);
   const sharp = decodeMarks(coder, faces, nVertices, edges);

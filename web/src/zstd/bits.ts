@@ -1,8 +1,9 @@
 /** Bits of zstd: forwards for tables, backwards for everything else. */
-import { PayloadError } from "../errors.js";
+/** What is wrong with a frame. */
+export class ZstdError extends Error {}
 
 export function damaged(why: string): never {
-  throw new PayloadError(`the weights section does not decompress (zstd: ${why})`);
+  throw new ZstdError(`the weights section does not decompress (zstd: ${why})`);
 }
 
 /** Reads from the last bit, marked by a 1 above it, to the first. */

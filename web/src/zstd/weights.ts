@@ -1,11 +1,13 @@
 /** Codec 1 of the weights section, one zstd frame without its magic number: spec/cndhf.md, section 3.1. */
-import { MAX_SYMBOL } from "../constants.js";
-import { FieldError, PayloadError } from "../errors.js";
-import { damaged } from "./bits.js";
+import { c } from "../constants.js";
+import { damaged, ZstdError } from "./bits.js";
 import { BlockDecoder } from "./block.js";
 import { xxh64Low } from "./xxh64.js";
 
-/** Flat symbols of tensors with these sizes; `wide` ones have two bytes per symbol. Throws PayloadError or FieldError. */
+/**
+ * Flat symbols of tensors with these sizes; `wide` ones have two bytes per symbol. Throws a ZstdError for a damaged
+ * frame, and a RangeError for a symbol that is too large: this file stands alone, so that loading it is one request.
+ */
 export function decodeZstd(body: Uint8Array, sizes: number[], wide: boolean[]): Int16Array[] {
   const nLow = sizes.reduce((a, b) => a + b);
   const raw = decompress(body, sizes.reduce((sum, n, k) => sum + (wide[k] ? n : 0), nLow));
@@ -14,11 +16,13 @@ export function decodeZstd(body: Uint8Array, sizes: number[], wide: boolean[]): 
     new Int16Array(n).map(() => {
       const u = raw[low++]! + (wide[k] ? 256 * raw[high++]! : 0);
       const s = u % 2 ? -(u + 1) / 2 : u / 2;
-      if (s < -MAX_SYMBOL) throw new FieldError(`a weight symbol is below -${MAX_SYMBOL}`);
+      if (s < -c.MAX_SYMBOL) throw new RangeError(`a weight symbol is below -${c.MAX_SYMBOL}`);
       return s;
     }),
   );
 }
+
+export { ZstdError };
 
 /** The content of a frame, which must have this size. */
 function decompress(body: Uint8Array, size: number): Uint8Array {
@@ -34,9 +38,9 @@ function decompress(body: Uint8Array, size: number): Uint8Array {
   const dictionary = number([0, 1, 2, 4][head & 3]!);
   const sizeBytes = [single ? 1 : 0, 2, 4, 8][head >> 6]!;
   const declared = number(sizeBytes) + (sizeBytes === 2 ? 256n : 0n);
-  if (at > body.length || !body.length || head & 8) throw new PayloadError("the weights section is not a zstd frame");
+  if (at > body.length || !body.length || head & 8) throw new ZstdError("the weights section is not a zstd frame");
   if (!sizeBytes || declared !== BigInt(size)) {
-    throw new PayloadError(
+    throw new ZstdError(
       `the weights frame declares ${sizeBytes ? `${declared} bytes` : "no size"}; the DHF records need ${size} bytes`,
     );
   }
