@@ -7,7 +7,7 @@ const options = {
   bundle: true,
   format: "esm",
   target: "es2022",
-  minify: true,
+  minify: process.env.MINIFY !== "0",
   sourcemap: true,
   splitting: true,
   outdir: "dist",

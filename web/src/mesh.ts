@@ -10,18 +10,15 @@ export interface Mesh {
   origin: [number, number, number];
 }
 
-/** Where input coordinates are measured from: coordinates are rounded by less than a millionth of the shape's size. */
-export function originOf(centre: [number, number, number], scale: number): [number, number, number] {
-  const far = centre.some((x) => Math.abs(x) > 8 * scale); // float32 has 24 bits; 2^-24 of 8 scales is 5e-7 of one
-  return far ? centre : [0, 0, 0];
-}
-
-/** Points of the normalised frame (N, 3) as float32 in input units from `origin`. */
+/** Points of the normalised frame, three coordinates each, as a mesh has them. */
 export function placed(
   points: Float64Array,
   centre: [number, number, number],
   scale: number,
-  origin: [number, number, number],
-): Float32Array {
-  return Float32Array.from(points, (x, i) => x * scale + (centre[i % 3]! - origin[i % 3]!));
+): Pick<Mesh, "positions" | "origin"> {
+  // float32 has 24 bits: up to here it rounds coordinates by less than a millionth of the shape's size.
+  const isFar = centre.some((x) => Math.abs(x) > 8 * scale);
+  const positions = new Float32Array(points.length);
+  for (let i = 0; i < points.length; i++) positions[i] = points[i]! * scale + (isFar ? 0 : centre[i % 3]!);
+  return { positions, origin: isFar ? centre : [0, 0, 0] };
 }

@@ -1,6 +1,6 @@
 /** The representation `dhf`: a solid as the intersection of double height fields. */
 import { OptionError, SurfaceError } from "../errors.js";
-import { type Mesh, originOf, placed } from "../mesh.js";
+import { type Mesh, placed } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { type Header, type Points, Shape, whole } from "../model.js";
 import type { Field } from "./field.js";
@@ -55,8 +55,7 @@ export class DhfModel extends Shape {
     const { isosurface, NoSurfaceError } = await import("./isosurface.js");
     try {
       const { points, normals, index } = isosurface(this.fields, resolution);
-      const origin = originOf(this.centre, this.scale);
-      return { positions: placed(points, this.centre, this.scale, origin), normals, index, origin };
+      return { ...placed(points, this.centre, this.scale), normals, index };
     } catch (error) {
       throw error instanceof NoSurfaceError ? new SurfaceError(error.message) : error;
     }

@@ -19,15 +19,18 @@ export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): In
   const oriented = coder.bit(new Context());
   const walked = grown(coder, !!oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
   if (!oriented) turn(coder, walked);
-  const numbers = new Map<number, number>();
-  const faces = Int32Array.from(walked, (v) => {
-    let number = numbers.get(v);
-    if (number === undefined) numbers.set(v, (number = numbers.size));
-    return number;
-  });
+  const numbers: number[] = []; // of vertices, in order of their first appearance
+  let count = 0;
+  const faces = new Int32Array(walked.length);
   for (let f = 0; f < faces.length; f += 3) {
-    const [a, b, c] = faces.subarray(f, f + 3) as unknown as [number, number, number];
-    faces.set(b < a && b < c ? [b, c, a] : c < a && c < b ? [c, a, b] : [a, b, c], f);
+    for (let h = f; h < f + 3; h++) faces[h] = numbers[walked[h]!] ??= count++;
+    const a = faces[f]!;
+    const b = faces[f + 1]!;
+    const c = faces[f + 2]!;
+    const turns = b < a && b < c ? 1 : c < a && c < b ? 2 : 0;
+    faces[f + ((3 - turns) % 3)] = a;
+    faces[f + ((4 - turns) % 3)] = b;
+    faces[f + ((5 - turns) % 3)] = c;
   }
   return faces;
 }
@@ -86,11 +89,12 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
   });
 
   function grow(P: number): void {
-    let [Q, R] = [next[P]!, prev[P]!];
-    const ahead = degree[vertex[Q]!]! >= degree[vertex[R]!]!;
-    if (!ahead) [Q, R] = [R, Q];
+    const ahead = degree[vertex[next[P]!]!]! >= degree[vertex[prev[P]!]!]!;
+    const Q = ahead ? next[P]! : prev[P]!;
+    const R = other(P, Q);
     const S = other(Q, P);
-    const [p, q] = [vertex[P]!, vertex[Q]!];
+    const p = vertex[P]!;
+    const q = vertex[Q]!;
     const kind = isCap[p] ? 2 : capped[p] ? 1 : 0;
     if (coder.bit(pivotCloses[kind]![Math.min(degree[p]!, DEGREES - 1)]!)) {
       addAhead(p, q, vertex[R]!, ahead);
@@ -160,7 +164,8 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
   /** Where the edges on both sides of a node are one edge, close the gap. */
   function zip(N: number): void {
     if (dropped[N]) return;
-    const [A, B] = [prev[N]!, next[N]!];
+    const A = prev[N]!;
+    const B = next[N]!;
     if (vertex[A] !== vertex[B]) {
       push(N);
       return;

@@ -16,10 +16,10 @@ export const previousHalf = (h: number): number => (h % 3 ? h - 1 : h + 2);
 /** Items in stable order of their keys, which are below n. */
 function sortedBy(keys: Int32Array, n: number, items: Int32Array): Int32Array {
   const at = new Int32Array(n + 1);
-  for (const item of items) at[keys[item]! + 1]!++;
+  for (let i = 0; i < items.length; i++) at[keys[items[i]!]! + 1]!++;
   for (let k = 0; k < n; k++) at[k + 1]! += at[k]!;
   const out = new Int32Array(items.length);
-  for (const item of items) out[at[keys[item]!]!++] = item;
+  for (let i = 0; i < items.length; i++) out[at[keys[items[i]!]!]!++] = items[i]!;
   return out;
 }
 
@@ -44,7 +44,8 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const low = new Int32Array(n);
   const high = new Int32Array(n);
   for (let h = 0; h < n; h++) {
-    const [a, b] = [faces[h]!, faces[nextHalf(h)]!];
+    const a = faces[h]!;
+    const b = faces[nextHalf(h)]!;
     if (a === b) fail(`face ${Math.floor(h / 3)} has a vertex twice`);
     low[h] = Math.min(a, b);
     high[h] = Math.max(a, b);
@@ -55,7 +56,8 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const ofHalf = new Int32Array(n);
   const opposite = new Int32Array(n).fill(-1);
   for (let i = 0; i < n; i++) {
-    const [h, before] = [order[i]!, order[i - 1]];
+    const h = order[i]!;
+    const before = order[i - 1];
     if (before === undefined || low[h] !== low[before] || high[h] !== high[before]) {
       ends.push(low[h]!, high[h]!);
     } else if (opposite[before]! >= 0) {
@@ -80,7 +82,8 @@ function checkFans(faces: Int32Array, nVertices: number, opposite: Int32Array): 
   };
   let fans = n;
   const unite = (a: number, b: number): void => {
-    [a, b] = [find(a), find(b)];
+    a = find(a);
+    b = find(b);
     if (a !== b) fans--;
     label[a] = b;
   };

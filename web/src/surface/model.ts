@@ -1,7 +1,7 @@
 /** The representation `surface`: the limit of a subdivided control mesh. */
 import { type Header, Shape, type Points, whole } from "../model.js";
 import { SheetError, SurfaceError } from "../errors.js";
-import { type Mesh, originOf, placed } from "../mesh.js";
+import { type Mesh, placed } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { rotationMatrix } from "../rotation.js";
 import { sectorsOf } from "./normals.js";
@@ -12,12 +12,12 @@ import { windingNumber } from "./winding.js";
 const MAX_LEVEL = 6;
 const MAX_VERTICES = 2 ** 22; // of a mesh: half a gigabyte of arrays
 // The level that is taken by default is the finest one with at most so many triangles, but LEVELS_ENOUGH at most.
-const DISPLAY_FACES = 2 ** 16;
+const DISPLAY_FACES = 2 ** 15;
 const QUERY_FACES = 2 ** 18;
 const LEVELS_ENOUGH = 4;
 
 export interface SurfaceMeshOptions {
-  /** How often to subdivide: 0 to 6. By default as often as leaves at most 65,536 triangles, but 4 times at most. */
+  /** How often to subdivide: 0 to 6. By default as often as leaves at most 32,768 triangles, but 4 times at most. */
   level?: number;
 }
 
@@ -47,21 +47,15 @@ export class SurfaceModel extends Shape {
 
   /** The mesh of a level of subdivision, its vertices on the limit surface. Throws OptionError or SurfaceError. */
   async toMesh({ level = this.levelFor(DISPLAY_FACES) }: SurfaceMeshOptions = {}): Promise<Mesh> {
-    const { topology, vertices } = this.level(level);
-    const valences = valencesOf(topology);
-    const limit = limitPositions({ topology, vertices }, valences);
-    const sectors = sectorsOf({ topology, vertices }, valences, limit);
-    const points = new Float64Array(3 * sectors.vertices.length);
-    sectors.vertices.forEach((v, i) => {
+    const mesh = this.level(level);
+    const valences = valencesOf(mesh.topology);
+    const limit = limitPositions(mesh, valences);
+    const { vertices, normals, ofCorner } = sectorsOf(mesh, valences, limit);
+    const points = new Float64Array(3 * vertices.length);
+    vertices.forEach((v, i) => {
       for (let k = 0; k < 3; k++) points[3 * i + k] = limit[3 * v + k]!;
     });
-    const origin = originOf(this.centre, this.scale);
-    return {
-      positions: placed(points, this.centre, this.scale, origin),
-      normals: Float32Array.from(sectors.normals),
-      index: Uint32Array.from(sectors.ofCorner),
-      origin,
-    };
+    return { ...placed(points, this.centre, this.scale), normals, index: ofCorner };
   }
 
   /** Throws SheetError where there is no inside. Answered from a mesh of up to 262,144 triangles. */

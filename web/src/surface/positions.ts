@@ -19,27 +19,29 @@ export function decodePositions(
   const placed = new Uint8Array(nVertices);
   const missing = new Uint8Array(faces.length / 3).fill(3);
   const near = new Int32Array(nVertices).fill(-1);
-  const foretelling: number[][] = Array.from({ length: nVertices }, () => []); // half-edges x to y of these faces
+  const foretelling = new Int32Array(nVertices); // how many faces foretell a vertex that is not placed
   const queues = [new Queue(), new Queue(), new Queue()];
   const foretold = new SignedModel(); // C
   const others = new SignedModel(); // I
   const { corners, first: firstCorner } = cornersOf(faces, nVertices);
+  const sums = new Float64Array(3);
   let last = -1;
 
   const place = (v: number): void => {
-    const by = foretelling[v]!;
-    const m = by.length;
+    const m = foretelling[v]!;
     const from = near[v]! < 0 ? last : near[v]!;
+    sums.fill(8 * m);
+    // The faces that foretell v lie across the edges opposite to it.
+    for (let i = firstCorner[v]!; m && i < firstCorner[v + 1]!; i++) {
+      const h = edges.opposite[nextHalf(corners[i]!)]!;
+      if (h < 0 || missing[Math.floor(h / 3)]) continue;
+      const x = 3 * faces[h]!;
+      const y = 3 * faces[nextHalf(h)]!;
+      const z = 3 * faces[previousHalf(h)]!;
+      for (let k = 0; k < 3; k++) sums[k]! += (8 + eighths) * (at[x + k]! + at[y + k]!) - 2 * eighths * at[z + k]!;
+    }
     for (let k = 0; k < 3; k++) {
-      let guess = from < 0 ? 0 : at[3 * from + k]!;
-      if (m) {
-        let sum = 8 * m;
-        for (const h of by) {
-          const [x, y, z] = [faces[h]!, faces[nextHalf(h)]!, faces[previousHalf(h)]!];
-          sum += (8 + eighths) * (at[3 * x + k]! + at[3 * y + k]!) - 2 * eighths * at[3 * z + k]!;
-        }
-        guess = Math.floor(sum / (16 * m));
-      }
+      const guess = m ? Math.floor(sums[k]! / (16 * m)) : from < 0 ? 0 : at[3 * from + k]!;
       const x = guess + (m ? foretold : others).decode(coder);
       if (Math.abs(x) > MAX_POSITION) {
         throw new PayloadError(`vertex ${v} of the control mesh lies beyond ${MAX_POSITION} grid units`);
@@ -56,7 +58,7 @@ export function decodePositions(
           const o = edges.opposite[h]!;
           const w = o < 0 ? v : faces[previousHalf(o)]!;
           if (placed[w]) continue;
-          const count = foretelling[w]!.push(h);
+          const count = ++foretelling[w]!;
           if (count < 3) queues[count]!.push(w);
         } else {
           const w = faces[h]!;
@@ -71,7 +73,7 @@ export function decodePositions(
   const next = (): number => {
     for (let count = 2; count >= 0; count--) {
       for (let v = queues[count]!.take(); v !== undefined; v = queues[count]!.take()) {
-        if (!placed[v] && Math.min(foretelling[v]!.length, 2) === count) return v;
+        if (!placed[v] && Math.min(foretelling[v]!, 2) === count) return v;
       }
     }
     return -1;

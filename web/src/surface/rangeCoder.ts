@@ -16,27 +16,50 @@ export const closing = (chance: number): Context => new Context(65536 - 1024 * c
 
 export const contexts = (n: number): Context[] => Array.from({ length: n }, () => new Context());
 
+const SIGN = -(2 ** 31); // flipping the sign bits of two int32 compares them as unsigned
+
+/** `range` and `code` are int32 that stand for unsigned numbers: those are fast from the first call on. */
 export class RangeDecoder {
-  private range = 2 ** 32 - 1;
+  private range = -1;
   private code = 0;
   private at = 0;
 
   constructor(private readonly bytes: Uint8Array) {
-    for (let k = 0; k < LOOKAHEAD; k++) this.code = this.code * 256 + this.next();
+    for (let k = 0; k < LOOKAHEAD; k++) this.code = (this.code << 8) | this.next();
   }
 
   bit(context: Context): number {
     const { zero, count } = context;
-    const bound = (this.range >>> 16) * zero;
-    const bit = this.split(bound);
-    context.zero = bit ? zero - Math.floor(zero / (count + 2)) : zero + Math.floor((65536 - zero) / (count + 2));
+    const bound = Math.imul(this.range >>> 16, zero);
+    let bit = 0;
+    if ((this.code ^ SIGN) < (bound ^ SIGN)) {
+      this.range = bound;
+      context.zero = zero + (((65536 - zero) / (count + 2)) | 0);
+    } else {
+      bit = 1;
+      this.range = (this.range - bound) | 0;
+      this.code = (this.code - bound) | 0;
+      context.zero = zero - ((zero / (count + 2)) | 0);
+    }
     if (count < 62) context.count = count + 1;
+    while (this.range >>> 24 === 0) this.widen();
     return bit;
   }
 
+  /** `n` bits that are all equally likely, as a number below 2^31. */
   raw(n: number): number {
     let value = 0;
-    while (n--) value = 2 * value + this.split(this.range >>> 1);
+    while (n--) {
+      const bound = this.range >>> 1;
+      value *= 2;
+      if ((this.code ^ SIGN) < (bound ^ SIGN)) this.range = bound;
+      else {
+        value++;
+        this.range = (this.range - bound) | 0;
+        this.code = (this.code - bound) | 0;
+      }
+      while (this.range >>> 24 === 0) this.widen();
+    }
     return value;
   }
 
@@ -45,26 +68,16 @@ export class RangeDecoder {
     const { at, bytes } = this;
     let last = 0;
     for (let k = at - LOOKAHEAD; k < at; k++) last = last * 256 + (bytes[k] ?? 0);
-    const low = (last - this.code + 2 ** 32) % 2 ** 32;
-    const value = low === 0 || low + this.range > 2 ** 32 ? 0 : Math.ceil(low / 2 ** 24) * 2 ** 24;
+    const low = (last - this.code) >>> 0;
+    const value = low === 0 || low + (this.range >>> 0) > 2 ** 32 ? 0 : Math.ceil(low / 2 ** 24) * 2 ** 24;
     if (last !== value || bytes.length !== at - LOOKAHEAD + (value ? 1 : 0)) {
       throw new PayloadError("the surface section goes on after its last symbol, or is damaged");
     }
   }
 
-  private split(bound: number): number {
-    let bit = 0;
-    if (this.code < bound) this.range = bound;
-    else {
-      bit = 1;
-      this.range -= bound;
-      this.code -= bound;
-    }
-    while (this.range < 2 ** 24) {
-      this.range *= 256;
-      this.code = this.code * 256 + this.next();
-    }
-    return bit;
+  private widen(): void {
+    this.range <<= 8;
+    this.code = (this.code << 8) | this.next();
   }
 
   private next(): number {

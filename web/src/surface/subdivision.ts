@@ -1,4 +1,5 @@
 /** Loop subdivision with sharp edges, and its limit: spec/cndhf.md, section 6.2. */
+import { nextHalf, previousHalf } from "./manifold.js";
 
 /** Faces and edges of a mesh. */
 export interface Topology {
@@ -35,6 +36,9 @@ export function valencesOf({ nVertices, ends, sharp }: Topology): Valences {
   return out;
 }
 
+/** The number of an edge as it leaves one of its ends: 2 e from the first, 2 e + 1 from the second. */
+export const leaving = (ends: Int32Array, edge: number, v: number): number => 2 * edge + (ends[2 * edge] === v ? 0 : 1);
+
 /** Loop's weight of each of n neighbours of a smooth vertex. */
 const beta = (n: number): number => (5 / 8 - (3 / 8 + Math.cos((2 * Math.PI) / n) / 4) ** 2) / n;
 
@@ -48,9 +52,10 @@ function neighbourSums({ topology, vertices }: Level, valences: Valences): Float
   for (let e = 0; e < sharp.length; e++) {
     const a = ends[2 * e]!;
     const b = ends[2 * e + 1]!;
-    const [ofA, ofB] = [valences.sharp[a]!, valences.sharp[b]!];
-    if (ofA < 2 || (ofA === 2 && sharp[e])) for (let k = 0; k < 3; k++) out[3 * a + k]! += vertices[3 * b + k]!;
-    if (ofB < 2 || (ofB === 2 && sharp[e])) for (let k = 0; k < 3; k++) out[3 * b + k]! += vertices[3 * a + k]!;
+    const atA = valences.sharp[a]!;
+    const atB = valences.sharp[b]!;
+    if (atA < 2 || (atA === 2 && sharp[e])) for (let k = 0; k < 3; k++) out[3 * a + k]! += vertices[3 * b + k]!;
+    if (atB < 2 || (atB === 2 && sharp[e])) for (let k = 0; k < 3; k++) out[3 * b + k]! += vertices[3 * a + k]!;
   }
   return out;
 }
@@ -71,13 +76,16 @@ export function subdivide(level: Level): Level {
   }
   for (let e = 0; e < sharp.length; e++) {
     const each = sharp[e] ? 1 / 2 : 3 / 8;
-    const [a, b, at] = [3 * ends[2 * e]!, 3 * ends[2 * e + 1]!, 3 * (nVertices + e)];
+    const a = 3 * ends[2 * e]!;
+    const b = 3 * ends[2 * e + 1]!;
+    const at = 3 * (nVertices + e);
     for (let k = 0; k < 3; k++) out[at + k] = each * (vertices[a + k]! + vertices[b + k]!);
   }
   for (let h = 0; h < faces.length; h++) {
     const e = faceEdges[h]!;
     if (sharp[e]) continue;
-    const [across, at] = [3 * faces[h % 3 ? h - 1 : h + 2]!, 3 * (nVertices + e)];
+    const across = 3 * faces[previousHalf(h)]!;
+    const at = 3 * (nVertices + e);
     for (let k = 0; k < 3; k++) out[at + k]! += vertices[across + k]! / 8;
   }
   return { topology: divide(topology), vertices: out };
@@ -103,29 +111,29 @@ function divide({ nVertices, faces, faceEdges, ends, sharp }: Topology): Topolog
     out.ends[4 * e + 1] = out.ends[4 * e + 3] = nVertices + e;
     out.sharp[2 * e] = out.sharp[2 * e + 1] = sharp[e]!;
   }
-  const half = (e: number, v: number): number => 2 * e + (ends[2 * e] === v ? 0 : 1);
   for (let h = 0; h < n; h++) {
-    const first = h - (h % 3);
-    const before = first + ((h + 2) % 3);
+    const after = nextHalf(h);
+    const before = previousHalf(h);
     const v = faces[h]!;
-    const [ahead, behind] = [faceEdges[h]!, faceEdges[before]!];
-    const [x, y] = [nVertices + ahead, nVertices + behind];
+    const ahead = faceEdges[h]!;
+    const behind = faceEdges[before]!;
+    const x = nVertices + ahead;
+    const y = nVertices + behind;
     const cut = 2 * nEdges + h;
     out.ends[2 * cut] = x;
     out.ends[2 * cut + 1] = y;
     // Corner k makes the face with v, x, y at k, k + 1, k + 2; the middle face has x at k.
-    const k = h - first;
-    const [i, j] = [(k + 1) % 3, (k + 2) % 3];
-    const corner = 4 * first + 3 * k;
-    const middle = 4 * first + 9 + k;
-    out.faces[corner + k] = v;
-    out.faces[corner + i] = x;
-    out.faces[corner + j] = y;
-    out.faceEdges[corner + k] = half(ahead, v);
-    out.faceEdges[corner + i] = cut;
-    out.faceEdges[corner + j] = half(behind, v);
-    out.faces[middle] = x;
-    out.faceEdges[middle] = 2 * nEdges + first + i;
+    // What to add to a half-edge of the old face for that of a new one.
+    const corner = 3 * h;
+    const middle = 3 * (h - (h % 3)) + 9;
+    out.faces[corner + h] = v;
+    out.faces[corner + after] = x;
+    out.faces[corner + before] = y;
+    out.faceEdges[corner + h] = leaving(ends, ahead, v);
+    out.faceEdges[corner + after] = cut;
+    out.faceEdges[corner + before] = leaving(ends, behind, v);
+    out.faces[middle + h] = x;
+    out.faceEdges[middle + h] = 2 * nEdges + after;
   }
   return out;
 }
@@ -155,7 +163,7 @@ function placeDarts({ topology, vertices }: Level, valences: Valences, out: Floa
     if (valences.sharp[v] !== 1) continue;
     let around = spokes.get(v);
     if (!around) spokes.set(v, (around = new Map()));
-    const pair = [faceEdges[h]!, faceEdges[h % 3 ? h - 1 : h + 2]!] as const;
+    const pair = [faceEdges[h]!, faceEdges[previousHalf(h)]!] as const;
     for (const [a, b] of [pair, [pair[1], pair[0]] as const]) {
       const beside = around.get(a);
       if (beside) beside.push(b);
