@@ -2,17 +2,33 @@
 import { build } from "esbuild";
 import { rmSync } from "node:fs";
 
-rmSync("dist", { recursive: true, force: true });
+/** The other entry points take the decoder from dist/index.js, so that a page has it once. */
+const decoderApart = {
+  name: "decoder-apart",
+  setup(bundle) {
+    bundle.onResolve({ filter: /^\.\.?\/index\.js$/ }, ({ path, importer }) =>
+      /src\/(three\/\w+|workers?|glb)\.ts$/.test(importer) && !importer.endsWith("three/index.ts")
+        ? { path: "./index.js", external: true }
+        : undefined,
+    );
+  },
+};
+
 const options = {
   bundle: true,
   format: "esm",
   target: "es2022",
-  minify: process.env.MINIFY !== "0",
+  minify: true,
   sourcemap: true,
-  splitting: true,
   outdir: "dist",
-  chunkNames: "chunks/[name]-[hash]",
   external: ["three", "three/*"],
   logLevel: "warning",
 };
-await build({ ...options, entryPoints: { index: "src/index.ts" } });
+
+rmSync("dist", { recursive: true, force: true });
+await build({ ...options, entryPoints: { index: "src/index.ts" }, splitting: true, chunkNames: "chunks/[name]-[hash]" });
+await build({
+  ...options,
+  entryPoints: { three: "src/three/index.ts", worker: "src/worker.ts", glb: "src/glb.ts" },
+  plugins: [decoderApart],
+});
