@@ -30,6 +30,8 @@ FOLDER = ROOT / "web" / "test" / "vectors"
 CLEAR = 1e-3  # normalised units: in/out is asked only of points farther from the surface
 LEVELS = (0, 1, 3)  # of the meshes that are compared
 CORNERS = 24  # per level
+# Of silhouettes. `test/browser.test.mjs` has the same numbers.
+PIXELS, HALF, VIEW = 96, 1.1, np.array([-0.5, -0.6, -0.7])
 TURNED = (9000, -14000, 20000, 20000)
 
 
@@ -104,11 +106,28 @@ def containers() -> dict[str, Container]:
     }
 
 
+def silhouette(model: Model) -> str:
+    """Which pixels of an image the shape covers, seen along `VIEW`: a hexadecimal digit per four pixels, by rows from
+    the bottom. The image's half side is `HALF` scales; its middle is the centre."""
+    ahead = VIEW / np.linalg.norm(VIEW)
+    right = np.cross(ahead, [0, 1, 0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    at = HALF * (2 * (np.arange(PIXELS) + 0.5) / PIXELS - 1)
+    y, x = np.meshgrid(at, at, indexing="ij")
+    rays = x[..., None] * right + y[..., None] * up - 3 * ahead
+    c = model.container
+    origins = (np.array(c.centre) + c.scale * rays).reshape(-1, 3)
+    hits = model.ray_intersect(origins, np.broadcast_to(ahead, origins.shape))
+    return np.packbits(np.isfinite(hits.distance)).tobytes().hex()
+
+
 def expected(data: bytes) -> dict:
     model = loads(data)
     info = model.info
     out = {key: info[key] for key in ("bytes", "sections", "representation", "centre", "scale", "encoder", "source")}
     out["errors"] = [info["mean_error"], info["p99_error"], info["max_error"]]
+    out["silhouette"] = silhouette(model)
     return out | (of_fields(model) if model.representation == "dhf" else of_surface(model))
 
 

@@ -27,8 +27,8 @@ export abstract class Shape {
   readonly scale: number;
 
   constructor(
-    private readonly header: Header,
-    private readonly metadata: Metadata,
+    protected readonly header: Header,
+    protected readonly metadata: Metadata,
   ) {
     this.centre = header.centre;
     this.scale = header.scale;

@@ -45,6 +45,11 @@ export class DhfModel extends Shape {
     return out.map((f) => f * this.scale);
   }
 
+  /** The intersection of the first n fields, which holds the whole solid: a file has the one that carves most first. */
+  first(n: number): DhfModel {
+    return new DhfModel(this.header, this.metadata, this.fields.slice(0, whole("fields", n, 1, this.fields.length)));
+  }
+
   contains(points: Points): Uint8Array {
     return Uint8Array.from(this.implicit(points), (f) => (f >= 0 ? 1 : 0));
   }
