@@ -8,6 +8,9 @@ export interface Edges {
   ofHalf: Int32Array;
   /** The other half-edge of each half-edge's edge, or -1 on a boundary. */
   opposite: Int32Array;
+  /** The half-edges that start at each vertex v, in order: corners[first[v]] to corners[first[v + 1] - 1]. */
+  corners: Int32Array;
+  first: Int32Array;
 }
 
 export const nextHalf = (h: number): number => (h % 3 === 2 ? h - 2 : h + 1);
@@ -21,19 +24,6 @@ function sortedBy(keys: Int32Array, n: number, items: Int32Array): Int32Array {
   const out = new Int32Array(items.length);
   for (let i = 0; i < items.length; i++) out[at[keys[items[i]!]!]!++] = items[i]!;
   return out;
-}
-
-/** The corners (3 f + k) of the faces of each vertex, those of vertex v from first[v] to first[v + 1], in order. */
-export interface Corners {
-  corners: Int32Array;
-  first: Int32Array;
-}
-
-export function cornersOf(faces: Int32Array, nVertices: number): Corners {
-  const first = new Int32Array(nVertices + 1);
-  for (const v of faces) first[v + 1]!++;
-  for (let v = 0; v < nVertices; v++) first[v + 1]! += first[v]!;
-  return { corners: sortedBy(faces, nVertices, numbers(faces.length)), first };
 }
 
 const numbers = (n: number): Int32Array => new Int32Array(n).map((_, i) => i);
@@ -68,40 +58,38 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
     }
     ofHalf[h] = ends.length / 2 - 1;
   }
-  checkFans(faces, nVertices, opposite);
-  return { ends: Int32Array.from(ends), ofHalf, opposite };
+  const corners = sortedBy(faces, nVertices, numbers(n));
+  const first = new Int32Array(nVertices + 1).fill(n);
+  for (let i = n - 1; i >= 0; i--) first[faces[corners[i]!]!] = i;
+  const edges = { ends: Int32Array.from(ends), ofHalf, opposite, corners, first };
+  checkFans(faces, edges);
+  return edges;
 }
 
 /** Refuse two faces of the same vertices, and vertices whose faces are not one fan. */
-function checkFans(faces: Int32Array, nVertices: number, opposite: Int32Array): void {
-  const n = faces.length;
-  const label = numbers(n); // union-find over the corners of each vertex
-  const find = (h: number): number => {
-    while (label[h] !== h) h = label[h] = label[label[h]!]!;
-    return h;
-  };
-  let fans = n;
-  const unite = (a: number, b: number): void => {
-    a = find(a);
-    b = find(b);
-    if (a !== b) fans--;
-    label[a] = b;
-  };
-  for (let h = 0; h < n; h++) {
-    const o = opposite[h]!;
-    if (o < 0) continue;
-    if (h % 3 === 0) {
-      const [f, g] = [Math.floor(o / 3), opposite[h + 1]!];
-      if (Math.floor(g / 3) === f && g >= 0 && Math.floor(opposite[h + 2]! / 3) === f) {
-        fail(`faces ${h / 3},${f} have the same vertices`);
-      }
+function checkFans(faces: Int32Array, { opposite, corners, first }: Edges): void {
+  for (let h = 0; h < faces.length; h += 3) {
+    const f = Math.floor(opposite[h]! / 3);
+    if (f >= 0 && f === Math.floor(opposite[h + 1]! / 3) && f === Math.floor(opposite[h + 2]! / 3)) {
+      fail(`faces ${h / 3},${f} have the same vertices`);
     }
-    if (o < h) continue;
-    const aligned = faces[o] === faces[h];
-    unite(h, aligned ? o : nextHalf(o));
-    unite(nextHalf(h), aligned ? nextHalf(o) : o);
   }
-  if (fans > nVertices) fail("the faces at a vertex are more than one fan");
+  for (let v = 0; v < first.length - 1; v++) {
+    const start = corners[first[v]!]!;
+    // The faces on the way round v from the first one: ahead to where it comes back or to a boundary, then back.
+    let met = 1;
+    let h = start;
+    for (let o = opposite[h]!; o >= 0; o = opposite[h]!) {
+      h = faces[o] === v ? previousHalf(o) : nextHalf(o);
+      if (h === start) break;
+      met++;
+    }
+    if (opposite[h]! < 0) {
+      h = previousHalf(start);
+      for (let o = opposite[h]!; o >= 0; o = opposite[h]!, met++) h = faces[o] === v ? previousHalf(o) : nextHalf(o);
+    }
+    if (met < first[v + 1]! - first[v]!) fail(`the faces at vertex ${v} are more than one fan`);
+  }
 }
 
 function fail(why: string): never {

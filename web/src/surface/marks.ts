@@ -1,12 +1,12 @@
 /** Which edges are sharp: spec/cndhf.md, section 4.4. */
 import type { Edges } from "./manifold.js";
-import { cornersOf, nextHalf, previousHalf } from "./manifold.js";
+import { nextHalf, previousHalf } from "./manifold.js";
 import { Queue } from "./queue.js";
 import { type RangeDecoder, Context, contexts } from "./rangeCoder.js";
 
 /** 1 for each sharp edge, boundary edges included. */
 export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: number, edges: Edges): Uint8Array {
-  const { ends, ofHalf, opposite } = edges;
+  const { ends, ofHalf, opposite, corners, first } = edges;
   const sharp = new Uint8Array(ends.length / 2).fill(1);
   for (let h = 0; h < ofHalf.length; h++) if (opposite[h]! >= 0) sharp[ofHalf[h]!] = 0;
   const interior = sharp.map((s) => 1 - s);
@@ -19,7 +19,6 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
   const lines = new Queue();
   const follows = [0, 1, 2, 3, 4].map(() => contexts(3)); // L
   const starts = [0, 1, 2].map(() => contexts(3)); // E
-  const { corners, first: firstCorner } = cornersOf(faces, nVertices);
 
   const mark = (edge: number, context: Context): void => {
     todo[edge] = 0;
@@ -39,7 +38,7 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
       if (found) found.push(b);
       else beside.set(a, [b]);
     };
-    for (let i = firstCorner[v]!; i < firstCorner[v + 1]!; i++) {
+    for (let i = first[v]!; i < first[v + 1]!; i++) {
       const [a, b] = [ofHalf[corners[i]!]!, ofHalf[previousHalf(corners[i]!)]!];
       put(a, b);
       put(b, a);

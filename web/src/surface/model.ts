@@ -99,11 +99,13 @@ export class SurfaceModel extends Shape {
   controlVertices(): Float64Array {
     const { positions, step, quaternion } = this.control;
     const r = rotationMatrix(quaternion);
-    return Float64Array.from(positions, (_, i) => {
+    const out = new Float64Array(positions.length);
+    for (let i = 0; i < out.length; i++) {
       const k = i % 3;
-      const [x, y, z] = [positions[i - k]! * step, positions[i - k + 1]! * step, positions[i - k + 2]! * step];
-      return r[k]! * x + r[3 + k]! * y + r[6 + k]! * z;
-    });
+      const at = i - k;
+      out[i] = step * (r[k]! * positions[at]! + r[3 + k]! * positions[at + 1]! + r[6 + k]! * positions[at + 2]!);
+    }
+    return out;
   }
 
   private levelFor(nFaces: number): number {

@@ -1,6 +1,6 @@
 /** Positions of control vertices: spec/cndhf.md, section 4.5. */
 import { PayloadError } from "../errors.js";
-import { type Edges, cornersOf, nextHalf, previousHalf } from "./manifold.js";
+import { type Edges, nextHalf, previousHalf } from "./manifold.js";
 import { SignedModel } from "./models.js";
 import { Queue } from "./queue.js";
 import type { RangeDecoder } from "./rangeCoder.js";
@@ -23,7 +23,7 @@ export function decodePositions(
   const queues = [new Queue(), new Queue(), new Queue()];
   const foretold = new SignedModel(); // C
   const others = new SignedModel(); // I
-  const { corners, first: firstCorner } = cornersOf(faces, nVertices);
+  const { opposite, corners, first } = edges;
   const sums = new Float64Array(3);
   let last = -1;
 
@@ -32,8 +32,8 @@ export function decodePositions(
     const from = near[v]! < 0 ? last : near[v]!;
     sums.fill(8 * m);
     // The faces that foretell v lie across the edges opposite to it.
-    for (let i = firstCorner[v]!; m && i < firstCorner[v + 1]!; i++) {
-      const h = edges.opposite[nextHalf(corners[i]!)]!;
+    for (let i = first[v]!; m && i < first[v + 1]!; i++) {
+      const h = opposite[nextHalf(corners[i]!)]!;
       if (h < 0 || missing[Math.floor(h / 3)]) continue;
       const x = 3 * faces[h]!;
       const y = 3 * faces[nextHalf(h)]!;
@@ -50,12 +50,12 @@ export function decodePositions(
     }
     placed[v] = 1;
     last = v;
-    for (let i = firstCorner[v]!; i < firstCorner[v + 1]!; i++) {
+    for (let i = first[v]!; i < first[v + 1]!; i++) {
       const f = Math.floor(corners[i]! / 3);
       const full = --missing[f]! === 0;
       for (let h = 3 * f; h < 3 * f + 3; h++) {
         if (full) {
-          const o = edges.opposite[h]!;
+          const o = opposite[h]!;
           const w = o < 0 ? v : faces[previousHalf(o)]!;
           if (placed[w]) continue;
           const count = ++foretelling[w]!;
@@ -79,9 +79,9 @@ export function decodePositions(
     return -1;
   };
 
-  for (let first = 0; first < nVertices; first++) {
-    if (placed[first]) continue;
-    place(first);
+  for (let v = 0; v < nVertices; v++) {
+    if (placed[v]) continue;
+    place(v);
     for (let w = next(); w >= 0; w = next()) place(w);
   }
   return at;
