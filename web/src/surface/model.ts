@@ -4,13 +4,13 @@ import { SheetError, SurfaceError } from "../errors.js";
 import { type Mesh, placed } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { rotationMatrix } from "../rotation.js";
-import { sectorsOf } from "./normals.js";
+import { type LimitMesh, limitMesh } from "./limit.js";
 import type { ControlMesh } from "./section.js";
-import { type Level, limitPositions, subdivide, valencesOf } from "./subdivision.js";
+import { divide, nextVertices, type Topology } from "./subdivision.js";
 import { windingNumber } from "./winding.js";
 
 const MAX_LEVEL = 6;
-const MAX_VERTICES = 2 ** 22; // of a mesh: half a gigabyte of arrays
+const MAX_FACES = 2 ** 23; // of a mesh: half a gigabyte of arrays
 // The level that is taken by default is the finest one with at most so many triangles, but LEVELS_ENOUGH at most.
 const DISPLAY_FACES = 2 ** 15;
 const QUERY_FACES = 2 ** 18;
@@ -47,15 +47,8 @@ export class SurfaceModel extends Shape {
 
   /** The mesh of a level of subdivision, its vertices on the limit surface. Throws OptionError or SurfaceError. */
   async toMesh({ level = this.levelFor(DISPLAY_FACES) }: SurfaceMeshOptions = {}): Promise<Mesh> {
-    const mesh = this.level(level);
-    const valences = valencesOf(mesh.topology);
-    const limit = limitPositions(mesh, valences);
-    const { vertices, normals, ofCorner } = sectorsOf(mesh, valences, limit);
-    const points = new Float64Array(3 * vertices.length);
-    vertices.forEach((v, i) => {
-      for (let k = 0; k < 3; k++) points[3 * i + k] = limit[3 * v + k]!;
-    });
-    return { ...placed(points, this.centre, this.scale), normals, index: ofCorner };
+    const { points, normals, index } = this.limit(level);
+    return { ...placed(points, this.centre, this.scale), normals, index };
   }
 
   /** Throws SheetError where there is no inside. Answered from a mesh of up to 262,144 triangles. */
@@ -64,8 +57,9 @@ export class SurfaceModel extends Shape {
       throw new SheetError("the file holds a sheet, which has no inside");
     }
     if (!this.winding) {
-      const level = this.level(this.levelFor(QUERY_FACES));
-      this.winding = windingNumber(limitPositions(level, valencesOf(level.topology)), level.topology.faces);
+      const { points, index, further } = this.limit(this.levelFor(QUERY_FACES));
+      const n = points.length / 3 - further.length;
+      this.winding = windingNumber(points, index.map((sector) => further[sector - n] ?? sector));
     }
     const p = this.normalised(points);
     return new Uint8Array(p.length / 3).map((_, i) =>
@@ -73,29 +67,33 @@ export class SurfaceModel extends Shape {
     );
   }
 
-  /** The control mesh after `number` steps of subdivision, in the normalised frame. */
-  private level(number: number): Level {
+  /** The limit surface after `number` steps of subdivision, in the normalised frame. */
+  private limit(number: number): LimitMesh {
     whole("level", number, 0, MAX_LEVEL);
-    const { control } = this;
-    const nFaces = (control.faces.length / 3) * 4 ** number;
-    if (nFaces > 2 * MAX_VERTICES) {
-      throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${2 * MAX_VERTICES} are allowed: ask for less`);
+    const { faces, edges, sharp } = this.control;
+    const nFaces = (faces.length / 3) * 4 ** number;
+    if (nFaces > MAX_FACES) {
+      throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${MAX_FACES} are allowed: ask for less`);
     }
-    let level: Level = {
-      topology: {
-        nVertices: control.positions.length / 3,
-        faces: control.faces,
-        faceEdges: control.edges.ofHalf,
-        ends: control.edges.ends,
-        sharp: control.sharp,
-      },
-      vertices: this.controlVertices(),
+    const { ofHalf, opposite, ends, first } = edges;
+    let mesh: Topology = {
+      faces, ofHalf, opposite, sharp,
+      valences: new Int32Array(first.length - 1),
+      sharpness: new Int32Array(first.length - 1),
     };
-    for (let k = 0; k < number; k++) level = subdivide(level);
-    return level;
+    for (let i = 0; i < ends.length; i++) {
+      mesh.valences[ends[i]!]!++;
+      mesh.sharpness[ends[i]!]! += sharp[i >> 1]!;
+    }
+    let vertices = this.controlVertices();
+    for (let k = 0; k < number; k++) {
+      if (k) mesh = divide(mesh);
+      vertices = nextVertices(mesh, vertices);
+    }
+    return limitMesh(mesh, vertices, number > 0);
   }
 
-  /** Three coordinates per control vertex, in the normalised frame. */
+  /** Control vertices in the normalised frame, three coordinates each. */
   controlVertices(): Float64Array {
     const { positions, step, quaternion } = this.control;
     const r = rotationMatrix(quaternion);

@@ -1,7 +1,7 @@
 /** Winding numbers of a closed triangle mesh, by rays along +z and a grid of their starts in x and y. */
 
 /** How often a mesh winds round a point (x, y, z), as a function. Three numbers per point, three vertices per face. */
-export function windingNumber(points: Float64Array, faces: Int32Array): (x: number, y: number, z: number) => number {
+export function windingNumber(points: Float64Array, faces: Uint32Array): (x: number, y: number, z: number) => number {
   const low = [Infinity, Infinity];
   const high = [-Infinity, -Infinity];
   for (let i = 0; i < points.length; i++) {
