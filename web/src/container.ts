@@ -29,6 +29,8 @@ export interface Header {
   centre: [number, number, number];
   /** Input units per normalised unit. */
   scale: number;
+  /** Of the file. */
+  bytes: number;
   sections: Section[];
 }
 
@@ -84,7 +86,7 @@ export function readHeader(bytes: Uint8Array): Header {
   if (!(scale >= c.MIN_SCALE && scale <= c.MAX_SCALE)) {
     throw new FieldError(`field scale is ${scale}; 2^-100 to 2^100 are allowed`);
   }
-  return { version: [major, minor], nDhfs, centre, scale, sections };
+  return { version: [major, minor], nDhfs, centre, scale, bytes: size, sections };
 }
 
 /** Find the sections that are known. Throws where one is missing, repeated, or of an unknown kind or codec. */
@@ -136,9 +138,7 @@ export function inRange(field: string, value: number, least: number, most: numbe
 export function checkQuaternion(quaternion: number[], name: string): void {
   const squares = quaternion.reduce((sum, x) => sum + x * x, 0);
   if (squares < c.QUATERNION_MIN_NORM ** 2 || squares > c.QUATERNION_MAX_NORM ** 2) {
-    throw new FieldError(
-      `${name}: field quaternion has norm ${Math.sqrt(squares).toFixed()}; 32000 to 33000 are allowed`,
-    );
+    throw new FieldError(`${name}: field quaternion has norm ${Math.round(Math.sqrt(squares))}; it must be near 32767`);
   }
 }
 

@@ -35,12 +35,12 @@ export abstract class Shape {
   }
 
   get info(): Info {
-    const sections = sectionSizes(this.header);
+    const { version, bytes } = this.header;
     return {
       representation: this.representation,
-      bytes: Object.values(sections).reduce((a, b) => a + b),
-      sections,
-      version: this.header.version,
+      bytes,
+      sections: sectionSizes(this.header),
+      version,
       centre: this.centre,
       scale: this.scale,
       ...this.metadata,
@@ -55,7 +55,7 @@ export abstract class Shape {
   /** Points of input coordinates in the normalised frame. */
   protected normalised(points: Points): Float64Array {
     if (points.length % 3) {
-      throw new OptionError(`points has ${points.length} numbers; three per point are needed: x, y, z, x, y, z, ...`);
+      throw new OptionError(`points has ${points.length} numbers; three per point are needed`);
     }
     return Float64Array.from(points, (x, i) => (x - this.centre[i % 3]!) / this.scale);
   }
@@ -64,7 +64,7 @@ export abstract class Shape {
 /** The whole number that an option says. Throws OptionError. */
 export function whole(name: string, value: number, least: number, most: number): number {
   if (!Number.isInteger(value) || value < least || value > most) {
-    throw new OptionError(`${name} is ${value}; whole numbers from ${least} to ${most} are allowed`);
+    throw new OptionError(`${name} is ${value}; ${least} to ${most} are allowed`);
   }
   return value;
 }

@@ -30,20 +30,14 @@ export class Field {
     return this.network.evaluate(inputs);
   }
 
-  /** Points of the normalised frame, turned to this field's: u, v, z, u, v, z, ... */
-  turned(points: Float64Array): Float64Array {
-    const r = this.rotation;
-    return points.map((_, i) => {
+  /** f of this field at points (x, y, z, ...) of the normalised frame. */
+  implicit(points: Float64Array): Float64Array {
+    const { rotation: r, record: { box } } = this;
+    const uvz = points.map((_, i) => {
       const row = 3 * (i % 3);
       const at = i - (i % 3);
       return r[row]! * points[at]! + r[row + 1]! * points[at + 1]! + r[row + 2]! * points[at + 2]!;
     });
-  }
-
-  /** f of this field at points (x, y, z, ...) of the normalised frame. */
-  implicit(points: Float64Array): Float64Array {
-    const { box } = this.record;
-    const uvz = this.turned(points);
     const heights = this.heights(uvz.filter((_, i) => i % 3 < 2));
     return new Float64Array(points.length / 3).map((_, i) => {
       const [u, v, z] = [uvz[3 * i]!, uvz[3 * i + 1]!, uvz[3 * i + 2]!];

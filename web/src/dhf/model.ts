@@ -31,7 +31,7 @@ export class DhfModel extends Shape {
    */
   heights(i: number, uv: ArrayLike<number>): Float64Array {
     const field = this.fields[whole("field", i, 0, this.fields.length - 1)]!;
-    if (uv.length % 2) throw new OptionError(`uv has ${uv.length} numbers; two per point are needed: u, v, u, v, ...`);
+    if (uv.length % 2) throw new OptionError(`uv has ${uv.length} numbers; two per point are needed`);
     return field.heights(uv);
   }
 

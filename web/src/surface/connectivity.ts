@@ -233,16 +233,18 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
 
   /** The next pivot, or -1. A node whose vertex has got faces since it was queued goes to a higher queue. */
   function pop(): number {
-    do {
+    for (let again = true; again; ) {
+      again = false;
       for (let k = LEVELS - 1; k >= 0; k--) {
         const queue = queues[k]!;
         for (let N = queue.take(); N !== undefined; N = queue.take()) {
           if (dropped[N]) continue;
           if (level(N) === k) return N;
           push(N);
+          again = true;
         }
       }
-    } while (queues.some((queue) => !queue.isEmpty));
+    }
     return -1;
   }
 }

@@ -12,8 +12,7 @@ import { windingNumber } from "./winding.js";
 const MAX_LEVEL = 6;
 const MAX_FACES = 2 ** 23; // of a mesh: half a gigabyte of arrays
 // The level that is taken by default is the finest one with at most so many triangles, but LEVELS_ENOUGH at most.
-const DISPLAY_FACES = 2 ** 15;
-const QUERY_FACES = 2 ** 18;
+const FACES_ENOUGH = 2 ** 15;
 const LEVELS_ENOUGH = 4;
 
 export interface SurfaceMeshOptions {
@@ -46,18 +45,18 @@ export class SurfaceModel extends Shape {
   }
 
   /** The mesh of a level of subdivision, its vertices on the limit surface. Throws OptionError or SurfaceError. */
-  async toMesh({ level = this.levelFor(DISPLAY_FACES) }: SurfaceMeshOptions = {}): Promise<Mesh> {
+  async toMesh({ level = this.defaultLevel() }: SurfaceMeshOptions = {}): Promise<Mesh> {
     const { points, normals, index } = this.limit(level);
     return { ...placed(points, this.centre, this.scale), normals, index };
   }
 
-  /** Throws SheetError where there is no inside. Answered from a mesh of up to 262,144 triangles. */
+  /** Throws SheetError where there is no inside. Answered from the mesh that `toMesh` makes by default. */
   contains(points: Points): Uint8Array {
     if (!this.closed || !this.oriented) {
       throw new SheetError("the file holds a sheet, which has no inside");
     }
     if (!this.winding) {
-      const { points, index, further } = this.limit(this.levelFor(QUERY_FACES));
+      const { points, index, further } = this.limit(this.defaultLevel());
       const n = points.length / 3 - further.length;
       this.winding = windingNumber(points, index.map((sector) => further[sector - n] ?? sector));
     }
@@ -73,7 +72,7 @@ export class SurfaceModel extends Shape {
     const { faces, edges, sharp } = this.control;
     const nFaces = (faces.length / 3) * 4 ** number;
     if (nFaces > MAX_FACES) {
-      throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${MAX_FACES} are allowed: ask for less`);
+      throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${MAX_FACES} are allowed`);
     }
     const { ofHalf, opposite, ends, first } = edges;
     let mesh: Topology = {
@@ -106,8 +105,8 @@ export class SurfaceModel extends Shape {
     return out;
   }
 
-  private levelFor(nFaces: number): number {
-    const times = Math.floor(Math.log2((3 * nFaces) / this.control.faces.length) / 2);
+  private defaultLevel(): number {
+    const times = Math.floor(Math.log2((3 * FACES_ENOUGH) / this.control.faces.length) / 2);
     return Math.min(Math.max(times, 0), LEVELS_ENOUGH);
   }
 }

@@ -14,8 +14,4 @@ export class Queue {
     this.at = 0;
     return undefined;
   }
-
-  get isEmpty(): boolean {
-    return this.at === this.items.length;
-  }
 }
