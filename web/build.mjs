@@ -15,12 +15,20 @@ const decoderApart = {
   },
 };
 
+// Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
+const OWN = [
+  "below", "bias", "digits", "finish", "frequencies", "further", "inputs", "layers", "lookup", "magnitude",
+  "matrix", "nDhfs", "negative", "nonzero", "normalised", "outputs", "raw", "sharpness", "starts", "take", "valences",
+  "widen", "winding", "zero",
+];
+
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */
 async function smaller(code, map, path) {
   const out = await minify(code, {
     module: true,
     ecma: 2020,
     compress: { passes: 3, unsafe_arrows: true, hoist_props: true },
+    mangle: path === "dist/index.js" ? { properties: { regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
     ...(path && { sourceMap: { ...map, url: `${path.split("/").pop()}.map` } }),
   });
   if (path) writeFileSync(`${path}.map`, out.map);
