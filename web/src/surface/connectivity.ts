@@ -83,6 +83,7 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
       while (!dropped[pivot]) grow(pivot);
     }
   }
+  if (!hasCaps) return out;
   return out.filter((_, i) => {
     const f = i - (i % 3);
     return !(isCap[out[f]!] || isCap[out[f + 1]!] || isCap[out[f + 2]!]);
@@ -220,7 +221,7 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
     degree[a]!++;
     degree[b]!++;
     degree[c]!++;
-    if (isCap[a] || isCap[b] || isCap[c]) capped[a] = capped[b] = capped[c] = true;
+    if (hasCaps && (isCap[a] || isCap[b] || isCap[c])) capped[a] = capped[b] = capped[c] = true;
   }
 
   function level(N: number): number {

@@ -26,7 +26,11 @@ function sortedBy(keys: Int32Array, n: number, items: Int32Array): Int32Array {
   return out;
 }
 
-const numbers = (n: number): Int32Array => new Int32Array(n).map((_, i) => i);
+function numbers(n: number): Int32Array {
+  const out = new Int32Array(n);
+  for (let i = 0; i < n; i++) out[i] = i;
+  return out;
+}
 
 /** The edges of faces. Throws PayloadError where they are not a two-manifold, with boundary or without. */
 export function edgesOf(faces: Int32Array, nVertices: number): Edges {
@@ -61,7 +65,7 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const corners = sortedBy(faces, nVertices, numbers(n));
   const first = new Int32Array(nVertices + 1).fill(n);
   for (let i = n - 1; i >= 0; i--) first[faces[corners[i]!]!] = i;
-  const edges = { ends: Int32Array.from(ends), ofHalf, opposite, corners, first };
+  const edges = { ends: new Int32Array(ends), ofHalf, opposite, corners, first };
   checkFans(faces, edges);
   return edges;
 }

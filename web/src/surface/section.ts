@@ -49,7 +49,8 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
   const coder = new RangeDecoder(body.subarray(start));
   const faces = decodeConnectivity(coder, size);
   if (!faces.length) throw new PayloadError("the surface section holds no faces");
-  const nVertices = 1 + faces.reduce((a, b) => Math.max(a, b));
+  let nVertices = 0;
+  for (let h = 0; h < faces.length; h++) nVertices = Math.max(nVertices, faces[h]! + 1);
   const edges = edgesOf(faces, nVertices);
   const sharp = decodeMarks(coder, faces, nVertices, edges);
   const positions = decodePositions(coder, faces, nVertices, edges, eighths);
