@@ -47,13 +47,18 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
     return sector;
   };
 
-  /** Set a normal; where it has no direction, it has to wait. */
-  const setNormal = (sector: number, x: number, y: number, z: number, ring: () => number[]): void => {
-    const length = Math.sqrt(x * x + y * y + z * z);
-    if (!(length > 0)) waiting.push({ sector, ring: ring() });
+  const u = new Float64Array(3);
+  const w = new Float64Array(3);
+  /** Set the normal of a sector from its tangents u and w, or say that they have none. */
+  const setNormal = (sector: number, isTurned: boolean): boolean => {
+    const x = u[1]! * w[2]! - u[2]! * w[1]!;
+    const y = u[2]! * w[0]! - u[0]! * w[2]!;
+    const z = u[0]! * w[1]! - u[1]! * w[0]!;
+    const length = Math.sqrt(x * x + y * y + z * z) * (isTurned ? -1 : 1);
     normals[3 * sector] = x / length;
     normals[3 * sector + 1] = y / length;
     normals[3 * sector + 2] = z / length;
+    return length !== 0;
   };
 
   /** The normal of a sector from one sharp edge to another one of a crease (Hoppe et al. 1994). */
@@ -62,25 +67,19 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
     const x = Math.PI / n;
     // The tangent along the crease, and the one across it; a single face has the sum of its two arms.
     const end = n === 1 ? 1 : -Math.cos(x) / Math.tan(x / 2) / (1 + 2 * Math.cos(x));
-    const along = [0, 0, 0];
-    const across = [0, 0, 0];
     for (let k = 0; k < 3; k++) {
       const own = vertices[3 * vertex + k]!;
-      along[k] = vertices[3 * ring[0]! + k]! - vertices[3 * ring[n]! + k]!;
-      ring.forEach((v, i) => (across[k]! += (i % n ? Math.sin(i * x) : end) * (vertices[3 * v + k]! - own)));
+      u[k] = vertices[3 * ring[0]! + k]! - vertices[3 * ring[n]! + k]!;
+      w[k] = 0;
+      ring.forEach((v, i) => (w[k]! += (i % n ? Math.sin(i * x) : end) * (vertices[3 * v + k]! - own)));
     }
-    const [a, b, c] = cross(along, across) as [number, number, number];
-    setNormal(sector, a, b, c, () => ring);
+    if (!setNormal(sector, false)) waiting.push({ sector, ring });
   };
 
-  const u = new Float64Array(3);
-  const w = new Float64Array(3);
-  const setTangents = (sector: number, isTurned: boolean, ring: () => number[]): void => {
-    const sign = isTurned ? -1 : 1;
-    const x = sign * (u[1]! * w[2]! - u[2]! * w[1]!);
-    const y = sign * (u[2]! * w[0]! - u[0]! * w[2]!);
-    setNormal(sector, x, y, sign * (u[0]! * w[1]! - u[1]! * w[0]!), ring);
-  };
+  /** The neighbours of an edge's vertex on one side, with the ends. */
+  const sideOf = (h: number): number[] => [
+    faces[nextHalf(h)]!, nOld + ofHalf[nextHalf(h)]!, nOld + ofHalf[previousHalf(h)]!, faces[h]!,
+  ];
 
   // The vertices on edges. They have six neighbours, or four on a boundary: the ends, and the middles around.
   for (let h = 0; isDivided && h < faces.length; h++) {
@@ -89,9 +88,6 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
     const v = nOld + ofHalf[h]!;
     const isSharp = sharp[ofHalf[h]!]!;
     const isTurned = !isSharp && faces[o] === faces[h];
-    const ringOf = (g: number): number[] => [
-      faces[nextHalf(g)]!, nOld + ofHalf[nextHalf(g)]!, nOld + ofHalf[previousHalf(g)]!, faces[g]!,
-    ];
     const a = 3 * faces[h]!;
     const b = 3 * faces[nextHalf(h)]!;
     const c = 3 * (nOld + ofHalf[nextHalf(h)]!);
@@ -117,12 +113,13 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
     }
     ofEdgeVertex[h] = v;
     if (o >= 0) ofEdgeVertex[o] = isSharp || isTurned ? furtherSector(v) : v;
-    if (!isSharp && !isTurned) setTangents(v, false, () => [...ringOf(h), ...ringOf(o).slice(1)]);
-    else {
-      for (const g of o >= 0 ? [h, o] : [h]) {
-        if (isSharp) setCrease(ofEdgeVertex[g]!, v, ringOf(g));
-        else waiting.push({ sector: ofEdgeVertex[g]!, ring: ringOf(g) });
-      }
+    if (!isSharp && !isTurned) {
+      if (!setNormal(v, false)) waiting.push({ sector: v, ring: [...sideOf(h), ...sideOf(o).slice(1)] });
+      continue;
+    }
+    for (const g of o >= 0 ? [h, o] : [h]) {
+      if (isSharp) setCrease(ofEdgeVertex[g]!, v, sideOf(g));
+      else waiting.push({ sector: ofEdgeVertex[g]!, ring: sideOf(g) });
     }
   }
 
@@ -204,7 +201,7 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
       for (let k = 0; k < 3; k++) points[3 * v + k]! /= sum;
       if (seam === size) {
         for (let i = 0; i < size; i++) ofCorner[corners[i]!] = v;
-        setTangents(v, turned[0]!, () => around(0, n));
+        if (!setNormal(v, turned[0]!)) waiting.push({ sector: v, ring: around(0, n) });
         continue;
       }
     }
