@@ -27,7 +27,7 @@ async function smaller(code, map, path) {
   const out = await minify(code, {
     module: true,
     ecma: 2020,
-    compress: { passes: 3, unsafe_arrows: true, hoist_props: true },
+    compress: { passes: 3, unsafe_arrows: !!path }, // three.js has functions that are constructors
     mangle: path === "dist/index.js" ? { properties: { regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
     ...(path && { sourceMap: { ...map, url: `${path.split("/").pop()}.map` } }),
   });

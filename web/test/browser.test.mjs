@@ -49,7 +49,7 @@ async function shoot(page, name) {
 }
 
 const settled = (page) =>
-  page.waitForFunction(() => ["ready", "error"].includes(document.body.dataset.state), null, { timeout: 120_000 });
+  page.waitForFunction(() => ["ready", "error"].includes(document.body.dataset.state), null, { timeout: 60_000 });
 
 test("silhouettes agree with the Python decoder's", { skip }, async (t) => {
   const { page, complaints } = await pageAt("test/silhouettes.html");
@@ -65,6 +65,15 @@ test("silhouettes agree with the Python decoder's", { skip }, async (t) => {
       });
     }
   }
+  await t.test("workers say what is wrong, as the page does", async () => {
+    const [name, isOurs] = await page.evaluate(async () => {
+      const { SurfaceError } = await import("/web/dist/index.js");
+      const { CNDHFLoader } = await import("/web/dist/three.js");
+      const bytes = await (await fetch("/tests/must_load/rans.cndhf")).arrayBuffer();
+      return new CNDHFLoader().parseAsync(bytes).catch((e) => [e.name, e instanceof SurfaceError]);
+    });
+    assert.deepEqual([name, isOurs], ["SurfaceError", true]);
+  });
   assert.deepEqual(complaints, []);
 });
 

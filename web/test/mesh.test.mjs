@@ -78,3 +78,11 @@ test("the finest meshes are refused where they are too large", async () => {
   const model = await decode(bytesOf("web/test/vectors/genus.cndhf"));
   assert.equal((await model.toMesh({ level: 6 })).index.length, 3 * 100 * 4 ** 6);
 });
+
+test("points far away, and points that are no numbers, are outside", async () => {
+  for (const path of ["web/test/vectors/smooth.cndhf", "examples/bracket.cndhf"]) {
+    const model = await decode(bytesOf(path));
+    const points = [NaN, 0, 0, 0, NaN, 0, 0, 0, NaN, Infinity, 0, 0, 1e300, -1e300, 1e300, -1e9, 0, 0];
+    assert.deepEqual([...model.contains(points)], [0, 0, 0, 0, 0, 0], path);
+  }
+});

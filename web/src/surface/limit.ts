@@ -64,14 +64,13 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
   /** The normal of a sector from one sharp edge to another one of a crease (Hoppe et al. 1994). */
   const setCrease = (sector: number, vertex: number, ring: number[]): void => {
     const n = ring.length - 1;
-    const x = Math.PI / n;
-    // The tangent along the crease, and the one across it; a single face has the sum of its two arms.
-    const end = n === 1 ? 1 : -Math.cos(x) / Math.tan(x / 2) / (1 + 2 * Math.cos(x));
+    const table = (creases[n] ??= creaseWeights(n));
     for (let k = 0; k < 3; k++) {
       const own = vertices[3 * vertex + k]!;
-      u[k] = vertices[3 * ring[0]! + k]! - vertices[3 * ring[n]! + k]!;
-      w[k] = 0;
-      ring.forEach((v, i) => (w[k]! += (i % n ? Math.sin(i * x) : end) * (vertices[3 * v + k]! - own)));
+      let across = 0;
+      for (let i = 0; i <= n; i++) across += table[i]! * (vertices[3 * ring[i]! + k]! - own);
+      u[k] = vertices[3 * ring[0]! + k]! - vertices[3 * ring[n]! + k]!; // the tangent along the crease
+      w[k] = across;
     }
     if (!setNormal(sector, false)) waiting.push({ sector, ring });
   };
@@ -243,6 +242,14 @@ function dividedIndex(ofCorner: Uint32Array, ofEdgeVertex: Uint32Array): Uint32A
 }
 
 const tables: number[][] = [];
+const creases: number[][] = [];
+
+/** Weights of n + 1 neighbours in the tangent across a crease; of a single face, both arms count alike. */
+function creaseWeights(n: number): number[] {
+  const x = Math.PI / n;
+  const end = n === 1 ? 1 : -Math.cos(x) / Math.tan(x / 2) / (1 + 2 * Math.cos(x));
+  return Array.from({ length: n + 1 }, (_, i) => (i % n ? Math.sin(i * x) : end));
+}
 
 /**
  * Weights of n neighbours in a fan, four each: in Loop's two tangents, the cosine and the sine of the angle; in the limit
@@ -265,23 +272,28 @@ function fanWeights(n: number): number[] {
 
 /** The unit normals of the triangles between limit points, by their angles. */
 function normalByAngles(points: Float64Array, centre: number, ring: number[]): number[] {
-  const arms = ring.map((v) => unit([0, 1, 2].map((k) => points[3 * v + k]! - points[3 * centre + k]!)));
-  let sum = [0, 0, 0];
-  for (let i = 1; i < arms.length; i++) {
-    const a = arms[i - 1]!;
-    const b = arms[i]!;
-    const n = unit(cross(a, b));
-    const angle = 2 * Math.atan2(Math.hypot(...a.map((x, k) => x - b[k]!)), Math.hypot(...a.map((x, k) => x + b[k]!)));
-    sum = sum.map((x, k) => x + angle * n[k]!);
+  const sum = [0, 0, 0];
+  let a: number[] = [];
+  for (const v of ring) {
+    const b = unit([0, 1, 2].map((k) => points[3 * v + k]! - points[3 * centre + k]!));
+    if (a.length) {
+      const n = unit(cross(a, b));
+      const angle = 2 * Math.atan2(
+        Math.hypot(a[0]! - b[0]!, a[1]! - b[1]!, a[2]! - b[2]!), Math.hypot(a[0]! + b[0]!, a[1]! + b[1]!, a[2]! + b[2]!),
+      );
+      for (let k = 0; k < 3; k++) sum[k]! += angle * n[k]!;
+    }
+    a = b;
   }
   return unit(sum);
 }
 
-const cross = (a: number[], b: number[]): number[] =>
-  [1, 2, 0].map((i, k) => a[i]! * b[3 - i - k]! - a[3 - i - k]! * b[i]!);
+const cross = (a: number[], b: number[]): number[] => [
+  a[1]! * b[2]! - a[2]! * b[1]!, a[2]! * b[0]! - a[0]! * b[2]!, a[0]! * b[1]! - a[1]! * b[0]!,
+];
 
 /** A vector at length one; zero stays zero. */
-function unit(v: number[]): number[] {
-  const length = Math.hypot(...v) || 1;
-  return v.map((x) => x / length);
+function unit([x, y, z]: number[]): number[] {
+  const length = Math.hypot(x!, y!, z!) || 1;
+  return [x! / length, y! / length, z! / length];
 }

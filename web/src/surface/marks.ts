@@ -47,12 +47,12 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
     const seen = new Set(ring);
     const rings: number[][] = [];
     while (ring.length) {
-      rings.unshift(ring.sort((a, b) => a - b));
+      rings.push(ring.sort((a, b) => a - b));
       const farther = new Set(ring.flatMap((edge) => beside.get(edge)!).filter((edge) => !seen.has(edge)));
       ring = [...farther];
       for (const edge of ring) seen.add(edge);
     }
-    return rings.flat();
+    return rings.reverse().flat();
   };
 
   for (let h = 0; h < faces.length; h++) {

@@ -8,12 +8,19 @@ export function windingNumber(points: Float64Array, faces: Uint32Array): (x: num
     low = Math.min(low, points[i]!);
     high = Math.max(high, points[i]!);
   }
-  const nSlices = Math.ceil(Math.sqrt(faces.length));
+  const ends = (f: number): [number, number] => {
+    const x = [0, 1, 2].map((k) => points[3 * faces[f + k]!]!);
+    return [Math.min(...x), Math.max(...x)];
+  };
+  let extents = 0;
+  for (let f = 0; f < faces.length; f += 3) extents += ends(f)[1] - ends(f)[0];
+  // So many that a triangle meets four of them on average, or fewer.
+  const nSlices = Math.floor(Math.min(1, (high - low) / extents) * faces.length) || 1;
   const place = (x: number): number => Math.floor(((x - low) / (high - low)) * nSlices) || 0;
   const slices: number[][] = Array.from({ length: nSlices + 1 }, () => []); // the faces that meet them
   for (let f = 0; f < faces.length; f += 3) {
-    const x = [0, 1, 2].map((k) => place(points[3 * faces[f + k]!]!));
-    for (let i = Math.min(...x); i <= Math.max(...x); i++) slices[i]!.push(f);
+    const [first, last] = ends(f).map(place) as [number, number];
+    for (let i = first; i <= last; i++) slices[i]!.push(f);
   }
 
   /** Twice the area of (x, y) and an edge. Exactly opposite from its other side; a zero counts as beside the edge. */
