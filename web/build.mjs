@@ -17,9 +17,9 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "below", "bias", "digits", "finish", "frequencies", "further", "inputs", "layers", "lookup", "magnitude",
-  "matrix", "nDhfs", "negative", "nonzero", "normalised", "outputs", "raw", "sharpness", "starts", "take", "valences",
-  "widen", "winding", "zero",
+  "below", "bias", "codec", "count", "defaultLevel", "digits", "evaluate", "finish", "frequencies", "further", "inputs",
+  "kind", "layers", "limit", "lookup", "magnitude", "matrix", "nDhfs", "negative", "network", "nonzero", "normalised",
+  "outputs", "raw", "sharpness", "starts", "take", "valences", "widen", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */
