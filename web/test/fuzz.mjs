@@ -25,7 +25,7 @@ const TABLE = Array.from({ length: 256 }, (_, i) => {
   return i;
 });
 
-function crc32(bytes) {
+export function crc32(bytes) {
   let crc = -1;
   for (const byte of bytes) crc = (crc >>> 8) ^ TABLE[(crc ^ byte) & 255];
   return ~crc >>> 0;

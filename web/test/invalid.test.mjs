@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { CndhfError, decode, FormatError, OptionError } from "../dist/index.js";
 import { bytesOf, rowsOf } from "./files.mjs";
+import { crc32 } from "./fuzz.mjs";
 
 test("tests/must_fail", async (t) => {
   for (const [name, error, words] of rowsOf("tests/must_fail")) {
@@ -34,4 +35,26 @@ test("arguments", async () => {
   assert.throws(() => dhf.heights(0, [0, 0, 0]), OptionError);
   for (const resolution of [7, 8.5, 513, NaN]) await assert.rejects(dhf.toMesh({ resolution }), OptionError);
   for (const level of [-1, 0.5, 7, "1"]) await assert.rejects(surface.toMesh({ level }), OptionError);
+});
+
+test("a mesh with a vertex of two fans is refused", async () => {
+  // A damaged file that was found by comparing verdicts with the Python decoder.
+  const bytes = Buffer.from(
+    "iURIRg0KGgoAAgIAAAAAAAAAJEAAAAAAAAA0wAAAAAAAAAxAAACAQAMDSQAAAIEABQAAAAAAAIA6YtcTqK7X0ALVIgvuxCaONXac" +
+    "f5CJTG5ioCz6nYGfssRcITsP8V33to5YfaBkyFfJJ9R6w5XmEggXQ9JJiOuqbJ3Y+JsBA3dlYigv4wE=",
+    "base64",
+  );
+  await assert.rejects(decode(new Uint8Array(bytes)), { name: "PayloadError", message: /more than one fan/ });
+});
+
+test("the last byte of a surface's stream has a single right value", async () => {
+  const bytes = bytesOf("web/test/vectors/smooth.cndhf");
+  const metadata = bytes.length - 4 - 5; // entry 1, of 3 letters
+  const right = bytes[metadata - 1];
+  for (let byte = 0; byte < 256; byte++) {
+    bytes[metadata - 1] = byte;
+    new DataView(bytes.buffer).setUint32(bytes.length - 4, crc32(bytes.subarray(0, -4)), true);
+    if (byte === right) await decode(bytes);
+    else await assert.rejects(decode(bytes), FormatError, String(byte));
+  }
 });
