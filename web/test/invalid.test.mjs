@@ -47,14 +47,16 @@ test("a mesh with a vertex of two fans is refused", async () => {
   await assert.rejects(decode(new Uint8Array(bytes)), { name: "PayloadError", message: /more than one fan/ });
 });
 
-test("the last byte of a surface's stream has a single right value", async () => {
+test("a surface's stream ends in one way only", async () => {
   const bytes = bytesOf("web/test/vectors/smooth.cndhf");
-  const metadata = bytes.length - 4 - 5; // entry 1, of 3 letters
-  const right = bytes[metadata - 1];
+  const last = bytes.length - 4 - 5 - 1; // before the checksum and the metadata, entry 1 of 3 letters
+  const meshes = [];
   for (let byte = 0; byte < 256; byte++) {
-    bytes[metadata - 1] = byte;
+    bytes[last] = byte;
     new DataView(bytes.buffer).setUint32(bytes.length - 4, crc32(bytes.subarray(0, -4)), true);
-    if (byte === right) await decode(bytes);
-    else await assert.rejects(decode(bytes), FormatError, String(byte));
+    const model = await decode(bytes).catch((error) => assert.ok(error instanceof FormatError));
+    if (model) meshes.push(String(model.control.positions));
   }
+  assert.ok(meshes.length > 0);
+  assert.equal(new Set(meshes).size, meshes.length);
 });
