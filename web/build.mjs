@@ -1,0 +1,79 @@
+// Bundles src into dist: node build.mjs. esbuild bundles; terser makes the result smaller by a twelfth.
+import { build } from "esbuild";
+import { minify } from "terser";
+import { readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+
+/** The other entry points take the decoder from dist/index.js, so that a page has it once. */
+const decoderApart = {
+  name: "decoder-apart",
+  setup(bundle) {
+    bundle.onResolve({ filter: /^\.\.?\/index\.js$/ }, ({ path, importer }) =>
+      /src\/(three\/\w+|workers?|glb)\.ts$/.test(importer) && !importer.endsWith("three/index.ts")
+        ? { path: "./index.js", external: true }
+        : undefined,
+    );
+  },
+};
+
+// Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
+const OWN = [
+  "below", "bias", "codec", "count", "defaultLevel", "digits", "evaluate", "finish", "frequencies", "further", "inputs",
+  "kind", "layers", "limit", "lookup", "magnitude", "matrix", "nDhfs", "negative", "network", "nonzero", "normalised",
+  "outputs", "raw", "sharpness", "starts", "take", "valences", "widen", "winding", "zero",
+];
+
+/** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */
+async function smaller(code, map, path) {
+  const out = await minify(code, {
+    module: true,
+    ecma: 2020,
+    compress: { passes: 3, unsafe_arrows: !!path }, // three.js has functions that are constructors
+    mangle: path === "dist/index.js" ? { properties: { regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
+    ...(path && { sourceMap: { ...map, url: `${path.split("/").pop()}.map` } }),
+  });
+  if (path) writeFileSync(`${path}.map`, out.map);
+  return out.code;
+}
+
+const options = {
+  bundle: true,
+  format: "esm",
+  target: "es2022",
+  minify: true,
+  sourcemap: true,
+  outdir: "dist",
+  external: ["three", "three/*"],
+  logLevel: "warning",
+};
+
+rmSync("dist", { recursive: true, force: true });
+await build({ ...options, entryPoints: { index: "src/index.ts" }, splitting: true, chunkNames: "chunks/[name]-[hash]" });
+await build({
+  ...options,
+  entryPoints: { three: "src/three/index.ts", worker: "src/worker.ts", glb: "src/glb.ts" },
+  plugins: [decoderApart],
+});
+
+for (const name of readdirSync("dist", { recursive: true }).filter((path) => path.endsWith(".js"))) {
+  const path = `dist/${name}`;
+  writeFileSync(path, await smaller(readFileSync(path, "utf8"), { content: readFileSync(`${path}.map`, "utf8") }, path));
+}
+
+// The viewer is one page that needs nothing else: style and script are put into it.
+const [{ text: script }] = (
+  await build({
+    ...options,
+    entryPoints: ["viewer/main.ts"],
+    external: [],
+    sourcemap: false,
+    write: false,
+    splitting: false,
+    legalComments: "inline",
+  })
+).outputFiles;
+const small = await smaller(script);
+const style = (await build({ entryPoints: ["viewer/style.css"], minify: true, write: false })).outputFiles[0].text;
+const page = readFileSync("viewer/index.html", "utf8")
+  .replace("/*style*/", () => style.trim())
+  .replace("/*script*/", () => small.trim().replaceAll("</script", "<\\/script"));
+writeFileSync("dist/viewer.html", page);

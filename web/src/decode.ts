@@ -1,0 +1,53 @@
+/** Bytes to a model. */
+import { c } from "./constants.js";
+import { contents, readHeader } from "./container.js";
+import { Field } from "./dhf/field.js";
+import { DhfModel } from "./dhf/model.js";
+import { dequantised } from "./dhf/network.js";
+import { decodeRans } from "./dhf/rans.js";
+import { readRecords } from "./dhf/records.js";
+import { FieldError, OptionError, PayloadError } from "./errors.js";
+import { readMetadata } from "./metadata.js";
+import { SurfaceModel } from "./surface/model.js";
+import { decodeSurface } from "./surface/section.js";
+
+export type Model = DhfModel | SurfaceModel;
+
+/**
+ * Read and check a whole `.cndhf` file.
+ *
+ * Files of preset `paper` need zstd, which is loaded on the first of them; hence the promise. It is rejected with a
+ * FormatError that says what is wrong with the bytes.
+ */
+export async function decode(data: Uint8Array | ArrayBuffer): Promise<Model> {
+  const bytes = data instanceof ArrayBuffer ? new Uint8Array(data) : data;
+  if (!(bytes instanceof Uint8Array)) throw new OptionError("data is not a Uint8Array or an ArrayBuffer");
+  const header = readHeader(bytes);
+  const { surface, records, weights, metadata } = contents(header);
+  const about = readMetadata(metadata?.body);
+  if (surface) return new SurfaceModel(header, about, decodeSurface(surface.body));
+  const drafts = readRecords(records!.body, header.nDhfs);
+  const sizes = drafts.flatMap((d) => d.sizes);
+  const wide = drafts.flatMap((d) => [...d.steps].map((step) => step > 127));
+  let symbols: Int16Array[];
+  if (weights!.codec === c.CODEC_RANS) {
+    if (wide.includes(true)) {
+      throw new FieldError("a step byte has bit 7 set, which codec 2 does not use");
+    }
+    symbols = decodeRans(weights!.body, sizes);
+  } else {
+    const { decodeZstd, ZstdError } = await import("./zstd/weights.js");
+    try {
+      symbols = decodeZstd(weights!.body, sizes, wide);
+    } catch (error) {
+      if (error instanceof ZstdError) throw new PayloadError(error.message);
+      throw error instanceof RangeError ? new FieldError(error.message) : error;
+    }
+  }
+  let at = 0;
+  const fields = drafts.map((record) => {
+    const n = record.sizes.length;
+    return new Field(record, dequantised(record, symbols.slice(at, (at += n))));
+  });
+  return new DhfModel(header, about, fields);
+}

@@ -1,0 +1,71 @@
+/** The records of double height fields, without their weights: spec/cndhf.md, section 2. */
+import { c } from "../constants.js";
+import { checkQuaternion, inRange, view } from "../container.js";
+import { FieldError, LimitError, SectionError } from "../errors.js";
+
+export interface DhfRecord {
+  /** Bit 0: heights are mirrored in the middle of the box in u; bit 1: in v. */
+  fold: number;
+  /** x, y, z, w in units of 1/32767. */
+  quaternion: number[];
+  /** u min, u max, v min, v max, z min, z max in normalised units. */
+  box: number[];
+  width: number;
+  hiddenLayers: number;
+  omegaFirst: number;
+  omegaHidden: number;
+  /** One byte per tensor: the step code, and bit 7 for symbols of two bytes (codec 1). */
+  steps: Uint8Array;
+  /** Weights per tensor, in file order: W0, b0, W1, b1, ... */
+  sizes: number[];
+}
+
+export function readRecords(body: Uint8Array, nDhfs: number): DhfRecord[] {
+  const data = view(body);
+  const records: DhfRecord[] = [];
+  let at = 0;
+  let parameters = 0;
+  for (let i = 0; i < nDhfs; i++) {
+    const name = `DHF ${i}`;
+    const need = (size: number): void => {
+      if (body.length < at + size) throw new SectionError(`the records section ends inside ${name}`);
+    };
+    need(c.RECORD_HEAD_SIZE);
+    const [role, fold] = [body[at]!, body[at + 1]!];
+    const shorts = Array.from({ length: 10 }, (_, k) => data.getInt16(at + 2 + 2 * k, true));
+    const [quaternion, box] = [shorts.slice(0, 4), shorts.slice(4)];
+    const [width, hiddenLayers, omegaFirst, omegaHidden] = [22, 23, 24, 25].map((k) => body[at + k]!) as [
+      number, number, number, number,
+    ];
+    at += c.RECORD_HEAD_SIZE;
+    inRange(`${name}: field width`, width, 1, c.MAX_WIDTH);
+    inRange(`${name}: field hidden_layers`, hiddenLayers, 1, c.MAX_HIDDEN_LAYERS);
+    const nTensors = 2 * (hiddenLayers + 2);
+    need(nTensors);
+    const steps = body.subarray(at, at + nTensors);
+    at += nTensors;
+    if (role) throw new FieldError(`${name}: field role is ${role}; 0 is allowed`);
+    if (fold > 3) throw new FieldError(`${name}: field fold is ${fold}; 0 to 3 are allowed`);
+    checkQuaternion(quaternion, name);
+    for (let k = 0; k < 6; k += 2) {
+      if (box[k]! >= box[k + 1]!) {
+        throw new FieldError(`${name}: field box is empty along ${"uvz"[k / 2]} (${box[k]} >= ${box[k + 1]})`);
+      }
+    }
+    if (!omegaFirst || !omegaHidden) throw new FieldError(`${name}: field omega is zero`);
+    const sizes = [2 * width, width];
+    for (let k = 0; k < hiddenLayers; k++) sizes.push(width * width, width);
+    sizes.push(2 * width, 2);
+    parameters += sizes.reduce((a, b) => a + b);
+    records.push({
+      fold, quaternion, box: box.map((x) => x * c.BOX_STEP), width, hiddenLayers, omegaFirst, omegaHidden, steps, sizes,
+    });
+  }
+  if (at !== body.length) {
+    throw new SectionError(`the records section has ${body.length - at} bytes after its last DHF`);
+  }
+  if (parameters > c.MAX_PARAMETERS) {
+    throw new LimitError(`the networks have ${parameters} parameters; ${c.MAX_PARAMETERS} are allowed`);
+  }
+  return records;
+}

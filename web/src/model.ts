@@ -1,0 +1,72 @@
+/** What models of both representations have in common. */
+import type { Contents, Header } from "./container.js";
+import { sectionSizes } from "./container.js";
+import { OptionError } from "./errors.js";
+import type { Metadata } from "./metadata.js";
+import type { Mesh } from "./mesh.js";
+
+/** What a file holds, in plain values. */
+export interface Info extends Metadata {
+  representation: "dhf" | "surface";
+  /** Size of the file. */
+  bytes: number;
+  /** Bytes of each section; "layout" is header, table and checksum. */
+  sections: Record<string, number>;
+  version: [number, number];
+  centre: [number, number, number];
+  scale: number;
+}
+
+/** Three coordinates per point. */
+export type Points = ArrayLike<number>;
+
+export abstract class Shape {
+  abstract readonly representation: "dhf" | "surface";
+  /** Input coordinates are centre + scale times normalised ones. */
+  readonly centre: [number, number, number];
+  readonly scale: number;
+
+  constructor(
+    protected readonly header: Header,
+    protected readonly metadata: Metadata,
+  ) {
+    this.centre = header.centre;
+    this.scale = header.scale;
+  }
+
+  get info(): Info {
+    const { version, bytes } = this.header;
+    return {
+      representation: this.representation,
+      bytes,
+      sections: sectionSizes(this.header),
+      version,
+      centre: this.centre,
+      scale: this.scale,
+      ...this.metadata,
+    };
+  }
+
+  /** 1 for each point (input coordinates) inside the solid, 0 for the others. */
+  abstract contains(points: Points): Uint8Array;
+
+  abstract toMesh(options?: object): Promise<Mesh>;
+
+  /** Points of input coordinates in the normalised frame. */
+  protected normalised(points: Points): Float64Array {
+    if (points.length % 3) {
+      throw new OptionError(`points has ${points.length} numbers; three per point are needed`);
+    }
+    return Float64Array.from(points, (x, i) => (x - this.centre[i % 3]!) / this.scale);
+  }
+}
+
+/** The whole number that an option says. Throws OptionError. */
+export function whole(name: string, value: number, least: number, most: number): number {
+  if (!Number.isInteger(value) || value < least || value > most) {
+    throw new OptionError(`${name} is ${value}; ${least} to ${most} are allowed`);
+  }
+  return value;
+}
+
+export type { Contents, Header };

@@ -1,0 +1,251 @@
+/** The faces of a control mesh: spec/cndhf.md, section 4.3, whose names these are. */
+import { LimitError, PayloadError } from "../errors.js";
+import { UnsignedModel } from "./models.js";
+import { Queue } from "./queue.js";
+import { type RangeDecoder, closing, Context, contexts } from "./rangeCoder.js";
+
+const MAX_VERTICES = 2 ** 17;
+const MAX_FACES = 2 ** 18;
+const FREE_FACES = 2 ** 16;
+const FACES_PER_BYTE = 256;
+const LEVELS = 6; // queues of pivots
+const DEGREES = 10;
+const MAX_STEPS = 64;
+const PIVOT_CLOSES = [1, 1, 25, 8, 22, 36, 42, 40, 33, 15];
+const OTHER_CLOSES = [1, 1, 2, 6, 18, 30, 35, 37, 37, 32];
+
+/** Vertex numbers of all faces, three per face, each with its least number first. `sectionSize` limits their number. */
+export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): Int32Array {
+  const oriented = coder.bit(new Context());
+  const walked = grown(coder, !!oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
+  if (!oriented) turn(coder, walked);
+  const numbers: number[] = []; // of vertices, in order of their first appearance
+  let count = 0;
+  const faces = new Int32Array(walked.length);
+  for (let f = 0; f < faces.length; f += 3) {
+    for (let h = f; h < f + 3; h++) faces[h] = numbers[walked[h]!] ??= count++;
+    const a = faces[f]!;
+    const b = faces[f + 1]!;
+    const c = faces[f + 2]!;
+    const turns = b < a && b < c ? 1 : c < a && c < b ? 2 : 0;
+    faces[f + ((3 - turns) % 3)] = a;
+    faces[f + ((4 - turns) % 3)] = b;
+    faces[f + ((5 - turns) % 3)] = c;
+  }
+  return faces;
+}
+
+/** Turn round the faces that say so. */
+function turn(coder: RangeDecoder, faces: number[]): void {
+  const marks = contexts(2);
+  let last = 0;
+  for (let f = 0; f < faces.length; f += 3) {
+    last = coder.bit(marks[last]!);
+    if (last) [faces[f + 1], faces[f + 2]] = [faces[f + 2]!, faces[f + 1]!];
+  }
+}
+
+/** Grow all components; their faces, without those of caps. */
+function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number[] {
+  const out: number[] = [];
+  // Of nodes.
+  const prev: number[] = [];
+  const next: number[] = [];
+  const vertex: number[] = [];
+  const dropped: boolean[] = [];
+  // Of vertices.
+  const degree: number[] = [];
+  const isCap: boolean[] = [];
+  const capped: boolean[] = [];
+
+  const queues = Array.from({ length: LEVELS }, () => new Queue());
+  const another = new Context(); // G
+  const pivotCloses = [0, 1, 2].map(() => PIVOT_CLOSES.map(closing)); // A
+  const otherCloses = OTHER_CLOSES.map(closing); // O
+  const joins = closing(2); // J
+  const far = closing(5); // F
+  const caps = new Context(); // K
+  const sides = new Context(); // H
+  const twists = new Context(); // T
+  const stepCounts = new UnsignedModel(); // W
+
+  const hasCaps = !!coder.bit(new Context());
+  while (coder.bit(another)) {
+    const [a, b, c] = [addVertex(false), addVertex(false), addVertex(false)] as const;
+    addFace(a, b, c);
+    // The border runs the other way round than the face, as the next faces do.
+    const n = vertex.length;
+    addNode(a, n + 2, n + 1);
+    addNode(c, n, n + 2);
+    addNode(b, n + 1, n);
+    for (let k = 0; k < 3; k++) push(n + k);
+    for (let pivot = pop(); pivot >= 0; pivot = pop()) {
+      while (!dropped[pivot]) grow(pivot);
+    }
+  }
+  if (!hasCaps) return out;
+  return out.filter((_, i) => {
+    const f = i - (i % 3);
+    return !(isCap[out[f]!] || isCap[out[f + 1]!] || isCap[out[f + 2]!]);
+  });
+
+  function grow(P: number): void {
+    const ahead = degree[vertex[next[P]!]!]! >= degree[vertex[prev[P]!]!]!;
+    const Q = ahead ? next[P]! : prev[P]!;
+    const R = other(P, Q);
+    const S = other(Q, P);
+    const p = vertex[P]!;
+    const q = vertex[Q]!;
+    const kind = isCap[p] ? 2 : capped[p] ? 1 : 0;
+    if (coder.bit(pivotCloses[kind]![Math.min(degree[p]!, DEGREES - 1)]!)) {
+      addAhead(p, q, vertex[R]!, ahead);
+      close(P, R, Q);
+    } else if (S !== R && coder.bit(otherCloses[Math.min(degree[q]!, DEGREES - 1)]!)) {
+      addAhead(p, q, vertex[S]!, ahead);
+      close(Q, S, P);
+    } else if (coder.bit(joins)) {
+      join(P, Q, R, S, ahead);
+    } else {
+      const mayBeCap = hasCaps && !(capped[p] || capped[q] || isCap[p] || isCap[q]);
+      const y = addVertex(mayBeCap && !!coder.bit(caps));
+      addAhead(p, q, y, ahead);
+      const Y = ahead ? addNode(y, P, Q) : addNode(y, Q, P);
+      link(P, Q, Y);
+      link(Q, P, Y);
+      push(Y);
+      push(Q);
+    }
+  }
+
+  /** Drop node N, whose neighbours A and B then meet. */
+  function close(N: number, A: number, B: number): void {
+    dropped[N] = true;
+    link(A, N, B);
+    link(B, N, A);
+    zip(A);
+    zip(B);
+  }
+
+  function join(P: number, Q: number, R: number, S: number, ahead: boolean): void {
+    let X: number;
+    let Y: number;
+    if (coder.bit(far)) {
+      Y = coder.raw(32 - Math.clz32(vertex.length - 1));
+      if (Y >= vertex.length || dropped[Y]) {
+        throw new PayloadError("a join of the control mesh names a node that is not on the border");
+      }
+      X = ahead ? prev[Y]! : next[Y]!;
+    } else {
+      const side = coder.bit(sides);
+      const steps = stepCounts.decode(coder);
+      if (steps > MAX_STEPS) {
+        throw new PayloadError(
+          `a join of the control mesh is ${steps} nodes away; ${MAX_STEPS} are allowed`,
+        );
+      }
+      let before = side ? P : Q;
+      Y = side ? R : S;
+      for (let k = 0; k <= steps; k++) [before, Y] = [Y, other(Y, before)];
+      X = side ? other(Y, before) : before;
+    }
+    const y = vertex[Y]!;
+    if (Y === P || Y === Q || Y === R || Y === S || y === vertex[P] || y === vertex[Q]) {
+      throw new PayloadError("a join of the control mesh names a node of the gate");
+    }
+    if (!oriented && coder.bit(twists)) X = other(Y, X);
+    addAhead(vertex[P]!, vertex[Q]!, y, ahead);
+    const Z = ahead ? addNode(y, X, Q) : addNode(y, Q, X);
+    link(X, Y, Z);
+    link(Y, X, P);
+    link(P, Q, Y);
+    link(Q, P, Z);
+    for (const N of [Y, Z, P, Q]) zip(N);
+  }
+
+  /** Where the edges on both sides of a node are one edge, close the gap. */
+  function zip(N: number): void {
+    if (dropped[N]) return;
+    const A = prev[N]!;
+    const B = next[N]!;
+    if (vertex[A] !== vertex[B]) {
+      push(N);
+      return;
+    }
+    dropped[N] = dropped[B] = true;
+    if (A !== B) {
+      const C = other(B, N);
+      link(A, N, C);
+      link(C, B, A);
+      push(C);
+      push(A);
+    }
+  }
+
+  /** The neighbour of N that is not M. */
+  function other(N: number, M: number): number {
+    return next[N] === M ? prev[N]! : next[N]!;
+  }
+
+  /** Put L in the place of N's neighbour M. */
+  function link(N: number, M: number, L: number): void {
+    if (next[N] === M) next[N] = L;
+    else prev[N] = L;
+  }
+
+  function addNode(v: number, before: number, after: number): number {
+    dropped.push(false);
+    prev.push(before);
+    next.push(after);
+    return vertex.push(v) - 1;
+  }
+
+  function addVertex(cap: boolean): number {
+    if (degree.length === MAX_VERTICES) {
+      throw new LimitError(`the control mesh has more than ${MAX_VERTICES} vertices`);
+    }
+    isCap.push(cap);
+    capped.push(false);
+    return degree.push(0) - 1;
+  }
+
+  function addAhead(p: number, q: number, y: number, ahead: boolean): void {
+    if (ahead) addFace(p, q, y);
+    else addFace(q, p, y);
+  }
+
+  function addFace(a: number, b: number, c: number): void {
+    if (out.length === 3 * maxFaces) {
+      throw new LimitError(`the control mesh has more than ${maxFaces} faces`);
+    }
+    out.push(a, b, c);
+    degree[a]!++;
+    degree[b]!++;
+    degree[c]!++;
+    if (hasCaps && (isCap[a] || isCap[b] || isCap[c])) capped[a] = capped[b] = capped[c] = true;
+  }
+
+  function level(N: number): number {
+    return Math.min(degree[vertex[N]!]!, LEVELS - 1);
+  }
+
+  function push(N: number): void {
+    queues[level(N)]!.push(N);
+  }
+
+  /** The next pivot, or -1. A node whose vertex has got faces since it was queued goes to a higher queue. */
+  function pop(): number {
+    for (let again = true; again; ) {
+      again = false;
+      for (let k = LEVELS - 1; k >= 0; k--) {
+        const queue = queues[k]!;
+        for (let N = queue.take(); N !== undefined; N = queue.take()) {
+          if (dropped[N]) continue;
+          if (level(N) === k) return N;
+          push(N);
+          again = true;
+        }
+      }
+    }
+    return -1;
+  }
+}

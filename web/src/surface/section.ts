@@ -1,0 +1,59 @@
+/** The surface section: bytes to a control mesh. See spec/cndhf.md, section 4. */
+import { checkQuaternion, view } from "../container.js";
+import { FieldError, PayloadError, SectionError } from "../errors.js";
+import { decodeConnectivity } from "./connectivity.js";
+import { type Edges, edgesOf } from "./manifold.js";
+import { decodeMarks } from "./marks.js";
+import { decodePositions } from "./positions.js";
+import { RangeDecoder } from "./rangeCoder.js";
+
+const HEAD_SIZE = 5;
+const ROTATED = 0x10;
+const MAX_EIGHTHS = 8;
+
+/** A control mesh as it is stored. */
+export interface ControlMesh {
+  /** Takes the normalised frame to that of the grid. */
+  quaternion: number[];
+  /** Normalised units per grid unit. */
+  step: number;
+  /** Three integers per vertex. */
+  positions: Int32Array;
+  /** Three vertices per face. */
+  faces: Int32Array;
+  edges: Edges;
+  /** 1 for each sharp edge, boundary edges included. */
+  sharp: Uint8Array;
+}
+
+export function decodeSurface(body: Uint8Array): ControlMesh {
+  const size = body.length;
+  if (size < HEAD_SIZE) throw new SectionError(`the surface section has ${size} bytes; it needs ${HEAD_SIZE}`);
+  const data = view(body);
+  const flags = body[0]!;
+  const eighths = flags & 15;
+  const step = data.getFloat32(1, true);
+  if (flags & 0xe0) throw new FieldError(`surface: field flags is ${flags}; bits 5 to 7 are reserved`);
+  if (eighths > MAX_EIGHTHS) {
+    throw new FieldError(`surface: field eighths is ${eighths}; 0 to ${MAX_EIGHTHS} are allowed`);
+  }
+  if (!(step >= 2 ** -30 && step <= 1)) throw new FieldError(`surface: field step is ${step}; 2^-30 to 1 are allowed`);
+  let quaternion = [0, 0, 0, 32767];
+  let start = HEAD_SIZE;
+  if (flags & ROTATED) {
+    if (size < start + 8) throw new SectionError("the surface section ends inside its quaternion");
+    quaternion = quaternion.map((_, k) => data.getInt16(HEAD_SIZE + 2 * k, true));
+    checkQuaternion(quaternion, "surface");
+    start += 8;
+  }
+  const coder = new RangeDecoder(body.subarray(start));
+  const faces = decodeConnectivity(coder, size);
+  if (!faces.length) throw new PayloadError("the surface section holds no faces");
+  let nVertices = 0;
+  for (let h = 0; h < faces.length; h++) nVertices = Math.max(nVertices, faces[h]! + 1);
+  const edges = edgesOf(faces, nVertices);
+  const sharp = decodeMarks(coder, faces, nVertices, edges);
+  const positions = decodePositions(coder, faces, nVertices, edges, eighths);
+  coder.finish();
+  return { quaternion, step, positions, faces, edges, sharp };
+}

@@ -1,0 +1,168 @@
+// In headless Chromium: silhouettes against those of the Python decoder, the viewer, the examples. Skipped where there is
+// no Chromium, unless CNDHF_BROWSER is set: to its path, or to 1 where it lies in a usual place.
+import assert from "node:assert/strict";
+import { existsSync, mkdirSync } from "node:fs";
+import { after, before, test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+import { expected } from "./files.mjs";
+import { serve } from "./serve.mjs";
+
+const OVERLAP = 0.98;
+const wish = process.env.CNDHF_BROWSER;
+const places = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
+const executablePath = wish && wish !== "1" ? wish : places.find((path) => existsSync(path));
+const skip = executablePath || wish ? false : "no Chromium: set CNDHF_BROWSER to its path";
+const SCREENSHOTS = process.env.CNDHF_SCREENSHOTS; // a folder, where somebody wants to look at them
+const file = (path) => fileURLToPath(new URL(`../../${path}`, import.meta.url));
+
+let browser, server, address;
+before(async () => {
+  if (skip) return;
+  ({ server, address } = await serve());
+  const args = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"];
+  browser = await chromium.launch({ executablePath, args });
+});
+after(async () => {
+  await browser?.close();
+  server?.close();
+});
+
+/** A page that was opened, and what it has complained of. */
+async function pageAt(path, viewport = { width: 900, height: 600 }) {
+  const page = await browser.newPage({ viewport });
+  const complaints = [];
+  page.on("console", (message) => {
+    if (["error", "warning"].includes(message.type()) && !/GPU stall|GroupMarkerNotSet/.test(message.text())) {
+      complaints.push(message.text());
+    }
+  });
+  page.on("pageerror", (error) => complaints.push(String(error)));
+  await page.goto(new URL(path, address).href);
+  return { page, complaints };
+}
+
+async function shoot(page, name) {
+  if (!SCREENSHOTS) return;
+  mkdirSync(SCREENSHOTS, { recursive: true });
+  await page.screenshot({ path: `${SCREENSHOTS}/${name}.png` });
+}
+
+const settled = (page) =>
+  page.waitForFunction(() => ["ready", "error"].includes(document.body.dataset.state), null, { timeout: 60_000 });
+
+test("silhouettes agree with the Python decoder's", { skip }, async (t) => {
+  const { page, complaints } = await pageAt("test/silhouettes.html");
+  await page.waitForFunction(() => document.documentElement.dataset.state === "ready");
+  for (const [path, { representation, silhouette }] of Object.entries(expected)) {
+    const wanted = [...silhouette].flatMap((digit) => [3, 2, 1, 0].map((k) => (parseInt(digit, 16) >> k) & 1));
+    for (const march of representation === "dhf" ? [false, true] : [false]) {
+      await t.test(`${path}, ${march ? "rays" : "mesh"}`, async () => {
+        const found = await page.evaluate(([url, m]) => window.silhouette(url, m), [`/${path}`, march]);
+        const both = found.reduce((n, x, i) => n + (x & wanted[i]), 0);
+        const either = found.reduce((n, x, i) => n + (x | wanted[i]), 0);
+        assert.ok(both / either >= OVERLAP, `${both} of ${either} pixels`);
+      });
+    }
+  }
+  await t.test("workers say what is wrong, as the page does", async () => {
+    const [name, isOurs] = await page.evaluate(async () => {
+      const { SurfaceError } = await import("/web/dist/index.js");
+      const { CNDHFLoader } = await import("/web/dist/three.js");
+      const bytes = await (await fetch("/tests/must_load/rans.cndhf")).arrayBuffer();
+      return new CNDHFLoader().parseAsync(bytes).catch((e) => [e.name, e instanceof SurfaceError]);
+    });
+    assert.deepEqual([name, isOurs], ["SurfaceError", true]);
+  });
+  assert.deepEqual(complaints, []);
+});
+
+test("the viewer", { skip }, async (t) => {
+  const { page, complaints } = await pageAt("dist/viewer.html");
+  const open = async (path) => {
+    await page.evaluate(() => (document.body.dataset.state = "busy"));
+    await page.setInputFiles("#file", file(path));
+    await settled(page);
+  };
+  const set = async (id, value) => {
+    await page.evaluate(() => (document.body.dataset.state = "busy"));
+    const control = page.locator(`#${id}`);
+    if (typeof value === "boolean") await control.setChecked(value);
+    else await control.selectOption(value);
+    await settled(page);
+  };
+  const said = () => page.textContent("#status");
+  const complained = () => page.textContent("#error");
+
+  await t.test("opens files of both kinds, with everything shown", async () => {
+    for (const path of ["web/test/vectors/creases.cndhf", "tests/golden/surface.cndhf", "examples/bracket.cndhf",
+      "web/test/vectors/fields-zstd.cndhf"]) {
+      await open(path);
+      assert.equal(await complained(), "", path);
+      assert.match(await said(), /\d+ triangles/);
+      const isDhf = /bracket|fields/.test(path);
+      for (const id of isDhf ? ["wireframe", "colours"] : ["wireframe", "control", "creases"]) await set(id, true);
+      await shoot(page, path.split("/").pop());
+      for (const id of isDhf ? ["wireframe", "colours"] : ["wireframe", "control", "creases"]) await set(id, false);
+      assert.equal(await complained(), "", path);
+    }
+  });
+  await t.test("draws from the weights", async () => {
+    await set("mode", "march");
+    assert.match(await said(), /from its weights/);
+    await shoot(page, "march");
+    await set("mode", "mesh");
+  });
+  await t.test("compares with the original", async () => {
+    await open("examples/bracket.cndhf");
+    await open("examples/bracket.ply");
+    await shoot(page, "over");
+    await set("original", "difference");
+    assert.equal(await complained(), "");
+    await shoot(page, "difference");
+    await set("original", "none");
+  });
+  await t.test("downloads a GLB", async () => {
+    const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
+    assert.equal(download.suggestedFilename(), "bracket.glb");
+  });
+  await t.test("is used by keyboard", async () => {
+    const view = () => page.locator("#canvas").screenshot();
+    const before = await view();
+    await page.focus("#canvas");
+    for (const key of ["ArrowLeft", "ArrowLeft", "ArrowUp", "+"]) await page.keyboard.press(key);
+    assert.ok(!before.equals(await view()));
+  });
+  await t.test("every control has a name", async () => {
+    const nameless = await page.evaluate(() =>
+      [...document.querySelectorAll("input, select, button, canvas")]
+        .filter((e) => !(e.labels?.length || e.textContent.trim() || e.getAttribute("aria-label"))).map((e) => e.id));
+    assert.deepEqual(nameless, []);
+  });
+  await t.test("says what is wrong with a damaged file", async () => {
+    await open("tests/must_fail/checksum-flipped.cndhf");
+    assert.match(await complained(), /^ChecksumError: .*damaged/);
+    await shoot(page, "damaged");
+  });
+  assert.deepEqual(complaints, []);
+});
+
+test("the viewer opens ?url=, and a file that is in the page", { skip }, async () => {
+  const { page, complaints } = await pageAt("dist/viewer.html?url=/examples/bracket.cndhf");
+  await settled(page);
+  assert.match(await page.textContent("#status"), /bracket.cndhf: \d+ triangles/);
+  await page.goto(new URL("dist/viewer.html?url=nowhere.cndhf", address).href);
+  await settled(page);
+  assert.match(await page.textContent("#error"), /404/);
+  assert.deepEqual(complaints.filter((text) => !/404/.test(text)), []);
+});
+
+test("the examples render", { skip }, async () => {
+  for (const name of ["three", "gltf"]) {
+    const { page, complaints } = await pageAt(`examples/${name}.html`);
+    await settled(page);
+    await shoot(page, `example-${name}`);
+    assert.deepEqual(complaints, [], name);
+    if (name === "gltf") assert.equal(await page.evaluate(() => document.body.dataset.triangles), String(90 * 4 ** 4));
+  }
+});

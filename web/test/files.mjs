@@ -1,0 +1,16 @@
+// Files of the repository that the tests read.
+import { readFileSync } from "node:fs";
+
+export const ROOT = new URL("../../", import.meta.url);
+
+/** A file's bytes, by its path in the repository. */
+export const bytesOf = (path) => new Uint8Array(readFileSync(new URL(path, ROOT)));
+
+export const expected = JSON.parse(readFileSync(new URL("vectors/expected.json", import.meta.url), "utf8"));
+
+/** Rows of a table of files in the folder: name and what follows. */
+export const rowsOf = (folder) =>
+  readFileSync(new URL(`${folder}/index.tsv`, ROOT), "utf8")
+    .trimEnd()
+    .split("\n")
+    .map((line) => line.split("\t"));

@@ -1,0 +1,62 @@
+// Files that must be refused, each with the error of the same name as in Python, and words of its message.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { CndhfError, decode, FormatError, OptionError } from "../dist/index.js";
+import { bytesOf, rowsOf } from "./files.mjs";
+import { crc32 } from "./fuzz.mjs";
+
+test("tests/must_fail", async (t) => {
+  for (const [name, error, words] of rowsOf("tests/must_fail")) {
+    await t.test(name, async () => {
+      await assert.rejects(decode(bytesOf(`tests/must_fail/${name}`)), (e) => {
+        assert.ok(e instanceof FormatError && e instanceof CndhfError && e instanceof Error, String(e));
+        assert.equal(e.name, error, e.message);
+        assert.match(e.message, new RegExp(words.replace(/\binf\b/, "Infinity").replace("is nan", "is NaN")));
+        return true;
+      });
+    });
+  }
+});
+
+test("every beginning of a file is refused, and every file with a byte more", async () => {
+  for (const path of ["tests/golden/surface.cndhf", "tests/golden/by-hand.cndhf", "examples/bracket.cndhf"]) {
+    const bytes = bytesOf(path);
+    for (let n = 0; n < bytes.length; n += 1 + (n >> 6)) await assert.rejects(decode(bytes.subarray(0, n)), FormatError);
+    await assert.rejects(decode(Uint8Array.of(...bytes, 0)), FormatError);
+  }
+});
+
+test("arguments", async () => {
+  await assert.rejects(decode("text"), OptionError);
+  const dhf = await decode(bytesOf("examples/bracket.cndhf"));
+  const surface = await decode(bytesOf("tests/golden/surface.cndhf"));
+  assert.throws(() => dhf.contains([1, 2]), OptionError);
+  assert.throws(() => dhf.heights(-1, [0, 0]), OptionError);
+  assert.throws(() => dhf.heights(0, [0, 0, 0]), OptionError);
+  for (const resolution of [7, 8.5, 513, NaN]) await assert.rejects(dhf.toMesh({ resolution }), OptionError);
+  for (const level of [-1, 0.5, 7, "1"]) await assert.rejects(surface.toMesh({ level }), OptionError);
+});
+
+test("a mesh with a vertex of two fans is refused", async () => {
+  // A damaged file that was found by comparing verdicts with the Python decoder.
+  const bytes = Buffer.from(
+    "iURIRg0KGgoAAgIAAAAAAAAAJEAAAAAAAAA0wAAAAAAAAAxAAACAQAMDSQAAAIEABQAAAAAAAIA6YtcTqK7X0ALVIgvuxCaONXac" +
+    "f5CJTG5ioCz6nYGfssRcITsP8V33to5YfaBkyFfJJ9R6w5XmEggXQ9JJiOuqbJ3Y+JsBA3dlYigv4wE=",
+    "base64",
+  );
+  await assert.rejects(decode(new Uint8Array(bytes)), { name: "PayloadError", message: /more than one fan/ });
+});
+
+test("a surface's stream ends in one way only", async () => {
+  const bytes = bytesOf("web/test/vectors/smooth.cndhf");
+  const last = bytes.length - 4 - 5 - 1; // before the checksum and the metadata, entry 1 of 3 letters
+  const meshes = [];
+  for (let byte = 0; byte < 256; byte++) {
+    bytes[last] = byte;
+    new DataView(bytes.buffer).setUint32(bytes.length - 4, crc32(bytes.subarray(0, -4)), true);
+    const model = await decode(bytes).catch((error) => assert.ok(error instanceof FormatError));
+    if (model) meshes.push(String(model.control.positions));
+  }
+  assert.ok(meshes.length > 0);
+  assert.equal(new Set(meshes).size, meshes.length);
+});

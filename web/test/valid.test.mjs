@@ -1,0 +1,90 @@
+// Files that must load, with the values that the Python decoder gives for them.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { decode, SheetError } from "../dist/index.js";
+import { bytesOf, expected, rowsOf } from "./files.mjs";
+
+const TOLERANCE = 2e-6; // normalised units
+
+function close(found, wanted, tolerance, what) {
+  assert.equal(found.length, wanted.length, what);
+  for (let i = 0; i < found.length; i++) {
+    assert.ok(Math.abs(found[i] - wanted[i]) <= tolerance, `${what}: ${found[i]} instead of ${wanted[i]} at ${i}`);
+  }
+}
+
+for (const [path, wanted] of Object.entries(expected)) {
+  test(path, async (t) => {
+    const model = await decode(bytesOf(path));
+    await t.test("info", () => {
+      const { info } = model;
+      assert.equal(info.representation, wanted.representation);
+      assert.equal(info.bytes, wanted.bytes);
+      assert.deepEqual(info.sections, wanted.sections);
+      assert.deepEqual(info.centre, wanted.centre);
+      assert.equal(info.scale, wanted.scale);
+      assert.equal(info.encoder, wanted.encoder);
+      assert.equal(info.source, wanted.source);
+      assert.deepEqual([info.meanError, info.p99Error, info.maxError], wanted.errors);
+    });
+    if (wanted.points) {
+      await t.test("contains", () => {
+        assert.deepEqual([...model.contains(wanted.points.flat())], wanted.contains);
+      });
+    }
+    if (model.representation === "dhf") {
+      await t.test("heights and f", () => {
+        wanted.heights.forEach((heights, i) => {
+          close(model.heights(i, wanted.uv.flat()), heights.flat(), TOLERANCE, `heights ${i}`);
+        });
+        close(model.implicit(wanted.points.flat()), wanted.implicit, TOLERANCE * model.scale, "f");
+      });
+      return;
+    }
+    await t.test("control mesh", () => {
+      const { control } = model;
+      assert.deepEqual(control.quaternion, wanted.quaternion);
+      assert.equal(control.step, wanted.step);
+      assert.deepEqual([...control.positions], wanted.positions);
+      assert.deepEqual([...control.faces], wanted.faces);
+      const { ends, ofHalf, opposite } = control.edges;
+      const inner = new Set(ofHalf.filter((_, h) => opposite[h] >= 0));
+      const sharp = [...control.sharp.keys()].filter((e) => control.sharp[e] && inner.has(e));
+      assert.deepEqual(sharp.flatMap((e) => [ends[2 * e], ends[2 * e + 1]]), wanted.sharp);
+      assert.equal(model.closed, wanted.closed);
+    });
+    if (!wanted.points) {
+      await t.test("a sheet has no inside", () => assert.throws(() => model.contains([0, 0, 0]), SheetError));
+    }
+    for (const { level, faces, sectors, corners } of wanted.meshes) {
+      await t.test(`level ${level}`, async () => {
+        const { positions, normals, index, origin } = await model.toMesh({ level });
+        assert.equal(index.length, 3 * faces);
+        assert.equal(positions.length, 3 * sectors);
+        for (const [face, corner, ...values] of corners) {
+          const v = 3 * index[3 * face + corner];
+          const point = [0, 1, 2].map((k) => positions[v + k] + origin[k]);
+          close(point, values.slice(0, 3), TOLERANCE * model.scale, `face ${face}, corner ${corner}`);
+          close(normals.subarray(v, v + 3), values.slice(3), 1e-6, `normal at face ${face}, corner ${corner}`);
+        }
+      });
+    }
+  });
+}
+
+test("tests/must_load", async (t) => {
+  for (const [name] of rowsOf("tests/must_load")) {
+    await t.test(name, async () => assert.equal((await decode(bytesOf(`tests/must_load/${name}`))).fields.length, 1));
+  }
+});
+
+test("an ArrayBuffer, and a view into a larger one", async () => {
+  const bytes = bytesOf("examples/bracket.cndhf");
+  const larger = new Uint8Array(bytes.length + 7);
+  larger.set(bytes, 5);
+  const [a, b] = await Promise.all([
+    decode(Uint8Array.from(bytes).buffer),
+    decode(larger.subarray(5, 5 + bytes.length)),
+  ]);
+  assert.deepEqual(a.info, b.info);
+});
