@@ -95,6 +95,22 @@ class Model:
         # Cells and tables can be made again, and their lock cannot be copied.
         return Model, (self.container, self._sections, self.limits), {"report": self.report}
 
+    def __repr__(self) -> str:
+        """Representation, size and mean error.
+
+        >>> import cndhf_codec
+        >>> cndhf_codec.load("tests/golden/encoded.cndhf")
+        <Model of 2 double height fields, 1232 bytes, mean error 0.7457>
+        """
+        info = self.info
+        if info["representation"] == "dhf":
+            count = len(info["dhfs"])
+            what = f"{count} double height field{'s' * (count != 1)}"
+        else:
+            what = f"a surface of {info['vertices']} control vertices"
+        error = "not measured" if info["mean_error"] is None else f"{info['mean_error']:.4g}"
+        return f"<Model of {what}, {info['bytes']} bytes, mean error {error}>"
+
     @property
     def limits(self) -> Limits:
         """How much work and memory surfaces and grids may take; may be replaced at any time.

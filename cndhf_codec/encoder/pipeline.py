@@ -17,7 +17,9 @@ from ..arguments import positive, whole_in
 from ..arrays import F64, I64
 from ..decoder.model import Model
 from ..decoder.parallel import processors
+from ..decoder.pieces import without_specks
 from ..decoder.reading import loads
+from ..decoder.results import TriangleMesh
 from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, CRC_SIZE, HEADER_SIZE, TABLE_ENTRY_SIZE
@@ -31,7 +33,7 @@ from .deadline import Deadline
 from .progress import OnStep, Progress, silent
 from .report import Report, unseen
 from .settings import DhfSettings, PaperSettings, Preset, Representation, Settings, SurfaceSettings, settings_for
-from .size_search import smallest_file
+from .size_search import ErrorLimits, smallest_file
 
 VERIFY_SHARE = 0.1  # of a time limit
 VERIFY_ERROR = "0.1%"  # most distance of the measured mesh from the limit surface, which few places come near to
@@ -47,6 +49,7 @@ def encode(
     width: int | None = None,
     target_size: int | str | None = None,
     target_error: float | str | None = None,
+    target_max: float | str | None = None,
     unit: str | None = None,
     thicken: float | str | None = None,
     steps: int | None = None,
@@ -76,7 +79,11 @@ def encode(
         The most bytes of the file, as a number or such as "4KiB". By default the preset's.
     target_error : float or str, optional
         The most mean error: a number in input units, "0.2%" of the bounding box's diagonal, or "0.5mm" where `unit` is
-        given. Makes the smallest file found that keeps to it, by several encodes.
+        given. Makes the smallest file found that keeps to it, by several encodes. Single points are ten to a hundred
+        times as far off.
+    target_max : float or str, optional
+        The most maximum error, of 200,000 points on each surface, measured on the decoded file; as `target_error`, and
+        may go with it.
     unit : {"mm", "cm", "m", "in"}, optional
         The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
@@ -127,8 +134,11 @@ def encode(
     array([ True, False])
     """
     settings = settings_for(preset, axes, width, target_size, steps, representation)
-    limit = None if target_error is None else parse_length(target_error, unit, "target error")
-    if limit is not None and (target_size is not None or width is not None or isinstance(settings, PaperSettings)):
+    limits = ErrorLimits(
+        None if target_error is None else parse_length(target_error, unit, "target error"),
+        None if target_max is None else parse_length(target_max, unit, "target max"),
+    )
+    if limits.given and (target_size is not None or width is not None or isinstance(settings, PaperSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     seconds = math.inf if time_limit is None else positive(time_limit, "time limit", "seconds")
@@ -150,16 +160,21 @@ def encode(
     source_mesh = make.prepared(source, wall, report, seed)
     run = _Run(make, source_mesh, metadata, seed, threads, report, clock)
 
-    if limit is None:
+    if not limits.given:
         model = run.attempt(settings, deadline)
     else:
 
         def attempt_size(size: int, more: int) -> tuple[Model, float]:
             assert not isinstance(settings, PaperSettings)
             made = run.attempt(replace(settings, target_size=size), deadline.part(1 / (more + 1)))
-            return made, made.report.distances.mean
+            return made, limits.excess(made.report.distances, report.diagonal)
 
-        model = smallest_file(attempt_size, limit.in_units(report.diagonal))
+        model = smallest_file(attempt_size, limits.text(report.diagonal))
+    if seconds < math.inf and model.report.poor:
+        raise EncodeError(
+            f"within the time limit of {seconds:g} s only a poor fit was reached ({model.report.poor[0]}); allow more "
+            "time, or use a smaller size"
+        )
     for line in model.report.warnings:
         warnings.warn(line, CndhfWarning, stacklevel=2)
     return model
@@ -254,6 +269,7 @@ class _Surfaces:
 def _report_input(report: Report, made: AsGiven) -> None:
     report.faces, report.dropped_faces = len(made.given.faces), made.given.dropped
     report.flipped, report.assumptions, report.diagonal = made.flipped, made.assumptions, made.diagonal
+    report.lost = list(made.given.lost)
 
 
 class _Run:
@@ -294,7 +310,14 @@ class _Run:
                 f"{source.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower preset, "
                 "or more time"
             ) from exc
-        measured = surface_distances(*source.reference, norm.apply(surface.vertices), surface.faces, self.seed)
+        made_surface = TriangleMesh(norm.apply(surface.vertices), np.asarray(surface.faces, dtype=np.int64))
+        measured = surface_distances(*source.reference, *made_surface, self.seed)
+        kept = made_surface
+        if not isinstance(settings, SurfaceSettings):
+            # What is decoded by default has no specks. Which pieces are specks, the error with them says.
+            kept = without_specks(made_surface, measured.p99)
+        if kept is not made_surface:
+            measured = surface_distances(*source.reference, *kept, self.seed)
         self.clock.close()
         distances = measured.scaled(norm.scale)
         metadata = replace(
@@ -312,7 +335,7 @@ class _Run:
             normalised=measured,
             distances=distances,
             decoded=replace(
-                bodies_of_surface(np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)),
+                bodies_of_surface(*kept).scaled(norm.scale),
                 closed=bool(surface.is_watertight),
             ),
         )

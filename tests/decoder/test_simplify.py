@@ -53,7 +53,7 @@ def test_flat_sides_take_few_triangles():
     mesh = analytic.model(slab((-0.51, -0.26, -0.13), (0.27, 0.53, 0.38))).surface(64)
     out = simplified(mesh, 2e-3)
     assert len(out.faces) < 60 < len(mesh.faces) / 100
-    assert as_trimesh(out).volume == pytest.approx(0.78 * 0.79 * 0.51, rel=0.005)
+    assert as_trimesh(out).volume == pytest.approx(0.78 * 0.79 * 0.51, rel=0.01)
 
 
 def test_a_torus_stops_at_what_its_topology_needs():
