@@ -31,7 +31,7 @@ def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:
 # 100,000 faces. What follows after which stage tells which row it is; until then it is the first.
 COURSES = (
     {"read": 1, "axes": 2, "plan": 17, "fit": 3, "joint fit": 60, "round": 16, "verify": 1},
-    {"read": 3, "axes": 6, "fit": 27, "joint fit": 43, "round": 18, "verify": 3},
+    {"read": 3, "axes": 6, "fit": 30, "joint fit": 45, "round": 13, "verify": 3},
     {"read": 1, "axes": 3, "fit": 94, "round": 1, "verify": 1},
     {"read": 2, "simplify": 2, "fit": 91, "verify": 5},
 )
@@ -54,7 +54,7 @@ class Estimate:
     """How much of an encode is done, and how long it will take, from the stages that have passed."""
 
     def __init__(self, now: float) -> None:
-        self._start = self._stage_start = now
+        self._start = self._stage_start = self._updated = now
         self._seen: list[str] = []
         self._fraction = 0.0
 
@@ -63,7 +63,7 @@ class Estimate:
         if not self._seen or self._seen[-1] != stage:
             self._seen.append(stage)
             self._stage_start = now
-        self._fraction = max(min(fraction, 1.0), 0.0)
+        self._fraction, self._updated = max(min(fraction, 1.0), 0.0), now
 
     @property
     def _course(self) -> dict[str, int]:
@@ -97,15 +97,15 @@ class Estimate:
         done = before + here * self._fraction
         if done < LEAST_DONE:
             return None
-        passed = now - self._start
+        passed = self._updated - self._start
         scale = passed / done
         rest = scale * here * (1 - self._fraction)
         if self._fraction > SETTLED:
-            own = (now - self._stage_start) / self._fraction
+            own = (self._updated - self._stage_start) / self._fraction
             # The stages to come scale as this one, the longer it has run.
             scale += (own / here - scale) * min(here / (before + here), 1) * self._fraction
             rest = own * (1 - self._fraction)
-        return rest + scale * after
+        return max(rest + scale * after - (now - self._updated), 0.0)
 
 
 class Bar:
