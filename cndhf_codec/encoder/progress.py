@@ -46,7 +46,7 @@ WORDS = {
     "round": "rounding",
     "verify": "measuring",
 }
-LEAST_DONE = 0.02  # of the work, before which no time is told
+LEAST_DONE = 0.05  # of the work, before which no time is told
 SETTLED = 0.1  # share of a stage after which its own speed says how long it takes
 
 

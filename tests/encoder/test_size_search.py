@@ -97,3 +97,25 @@ def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
     monkeypatch.setattr(deadline, "time", SimpleNamespace(monotonic=partial(next, count(0, 0.01))))
     _, report = encode_quietly(creature, preset="fast", width=8, time_limit=12, threads=1)
     assert report.normalised.mean < 0.1
+
+
+def test_a_poor_fit_within_a_time_limit_is_an_error(creature, tiny, monkeypatch):
+    from cndhf_codec.encoder import report
+
+    monkeypatch.setattr(report, "POOR_ERROR", 0.0)
+    with pytest.raises(EncodeError, match="within the time limit of 1000 s only a poor fit was reached"):
+        encode_quietly(creature, preset="fast", width=8, time_limit=1000)
+    encode_quietly(creature, preset="fast", width=8)
+
+
+def test_rounding_gets_the_time_that_it_takes(creature, monkeypatch):
+    from types import SimpleNamespace as Some
+
+    from cndhf_codec.encoder.dhf import encode
+
+    job = Some(settings=settings.PRESETS["default"], threads=Some(threads=2))
+    assert encode._fit_share(job, Some(widths=[30]), deadline.Deadline()) == encode.FIT_SHARE
+    # A clock on which every product takes a second.
+    monkeypatch.setattr(encode, "time", Some(perf_counter=partial(next, count(0, 1))))
+    share = [encode._fit_share(job, Some(widths=[w]), deadline.Deadline(1000)) for w in (5, 12, 30)]
+    assert share[0] == encode.FIT_SHARE >= share[1] > share[2] == encode.LEAST_FIT_SHARE
