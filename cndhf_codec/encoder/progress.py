@@ -30,8 +30,8 @@ def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:
 # Shares of an encode's time, of each stage in its order, in hundredths: measured on two cores, on meshes of 20,000 to
 # 100,000 faces. What follows after which stage tells which row it is; until then it is the first.
 COURSES = (
-    {"read": 1, "axes": 2, "plan": 17, "fit": 3, "joint fit": 60, "round": 16, "verify": 1},
-    {"read": 3, "axes": 6, "fit": 30, "joint fit": 45, "round": 13, "verify": 3},
+    {"read": 1, "axes": 1, "plan": 15, "fit": 6, "joint fit": 51, "round": 25, "verify": 1},
+    {"read": 2, "axes": 6, "fit": 30, "joint fit": 45, "round": 15, "verify": 2},
     {"read": 1, "axes": 3, "fit": 94, "round": 1, "verify": 1},
     {"read": 2, "simplify": 2, "fit": 91, "verify": 5},
 )

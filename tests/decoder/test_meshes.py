@@ -67,6 +67,14 @@ def test_an_error_asked_for_is_kept(options):
     assert 1.5 * counts[0] < counts[1]
 
 
+def test_files_of_noise_are_not_simplified(monkeypatch):
+    from cndhf_codec.decoder.dhf import meshes
+
+    model = measured(wavy(), 0.01)
+    monkeypatch.setattr(meshes, "MOST_FACES", 1000)
+    assert len(model.to_mesh().faces) == len(wavy().to_mesh(128).faces)
+
+
 def test_a_resolution_alone_is_not_simplified():
     mesh = measured(wavy(), 0.002).to_mesh(48)
     assert np.array_equal(mesh.faces, wavy().to_mesh(48).faces)

@@ -30,7 +30,10 @@ COLUMNS = ("file", "way", "triangles", "megabytes", "mean", "p99", "maximum", "p
 def row(original: Any, path: Path, way: str, options: dict[str, Any]) -> str:
     model = cndhf_codec.load(path)
     start = time.perf_counter()
-    mesh = model.to_mesh(**options)
+    try:
+        mesh = model.to_mesh(**options)
+    except cndhf_codec.CndhfError as exc:
+        return f"{path.stem}\t{way}\t{exc}"
     seconds = time.perf_counter() - start
     found = surface_distances(
         original.vertices, original.faces, np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int64)

@@ -27,6 +27,7 @@ LEAST_RESOLUTION = 128  # by default: a coarser grid loses thin parts
 CELL_OF_MEAN_ERROR = 12.0  # a cell is so many times as long: marching cubes then adds about a hundredth to the error
 TOLERANCE = 0.5  # times the mean error, of the simplification: adds 1 to 4 % to it
 MOST_TOLERANCE = 0.01  # of the diagonal, whatever a file says of its error
+MOST_FACES = 2**20  # that are simplified by default: only files of noise have more
 DEFAULT_MAX_ERROR = "0.02%"  # of an intersection: far less than what the smallest files lose
 # For an error asked for: cells are so many times as long, and no more than this along the longest side.
 CELL_OF_ERROR, FINEST_RESOLUTION = 3.0, 384
@@ -82,7 +83,7 @@ class Meshes:
             return _with_faces(found, faces)
         if error is not None and not whole:
             return _within(found, error)
-        if chosen or whole or self._errors is None:
+        if chosen or whole or self._errors is None or len(found.faces) > MOST_FACES:
             return found
         return simplified(found, min(TOLERANCE * self._errors.mean, MOST_TOLERANCE * _diagonal(found)))
 
