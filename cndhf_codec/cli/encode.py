@@ -263,6 +263,8 @@ def _checked(c: Check) -> str:
             f"({percent(c.error_lower_bound / c.diagonal)} of the diagonal) with {c.axes} axes, however large the file "
             "is; the fit's own error comes on top"
         )
+    if c.lost:
+        lines.append(f"not kept: {', '.join(c.lost)}")
     lines += [f"assumed: {line}" for line in c.assumptions]
     lines.append("would be encoded" if c.refusal is None else f"would be refused: {c.refusal}")
     return "\n".join(lines)

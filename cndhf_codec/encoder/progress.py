@@ -41,8 +41,8 @@ WORDS = {
     "axes": "looking from all sides",
     "plan": "choosing views",
     "simplify": "simplifying",
-    "fit": "first fit",
-    "joint fit": "fitting",
+    "fit": "fitting",
+    "joint fit": "fitting together",
     "round": "rounding",
     "verify": "measuring",
 }

@@ -30,8 +30,13 @@ def walk(seconds: dict[str, float], at: float) -> Estimate:
 ENCODES = {
     "horse fast": {"read": 1.9, "axes": 4.8, "fit": 24.3, "joint fit": 31.5, "round": 8.4, "verify": 1.3},
     "horse default": {
-        **{"read": 1.4, "axes": 3.2, "plan": 98.9, "fit": 41.4},
-        **{"joint fit": 317.6, "round": 180.9, "verify": 5.7},
+        "read": 1.4,
+        "axes": 3.2,
+        "plan": 98.9,
+        "fit": 41.4,
+        "joint fit": 317.6,
+        "round": 180.9,
+        "verify": 5.7,
     },
     "fandisk fast, surface": {"read": 0.2, "simplify": 0.1, "fit": 40.4, "verify": 0.9},
     "horse default, surface": {"read": 1.0, "simplify": 0.3, "fit": 30.0, "verify": 2.1},
