@@ -100,7 +100,7 @@ class Model:
 
         >>> import cndhf_codec
         >>> cndhf_codec.load("tests/golden/encoded.cndhf")
-        <Model of 2 double height fields, 1232 bytes, mean error 0.7457>
+        <Model of 2 double height fields, 1232 bytes, mean error 0.6767>
         """
         info = self.info
         if info["representation"] == "dhf":
