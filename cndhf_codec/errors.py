@@ -112,5 +112,5 @@ def require(module: str, extra: str) -> ModuleType:
     except ImportError as exc:
         name = module.split(".")[0]
         raise MissingExtraError(
-            f"this needs {name}, which is not installed; run: pip install 'cndhf-codec[{extra}]'"
+            f"this needs {name}, which is not installed; run, in a checkout of cndhf-codec: pip install '.[{extra}]'"
         ) from exc

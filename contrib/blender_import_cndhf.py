@@ -1,7 +1,7 @@
 """Blender add-on: File > Import > CN-DHF (.cndhf).
 
 Blender brings its own Python, which needs this package once:
-    <blender>/<version>/python/bin/python3 -m pip install 'cndhf-codec[mesh]'
+    <blender>/<version>/python/bin/python3 -m pip install '<checkout>[mesh]'
 Then Edit > Preferences > Add-ons > Install from Disk, and name this file. Coordinates come in as they are in the file.
 """
 
@@ -56,7 +56,7 @@ class ImportCndhf(bpy.types.Operator, ImportHelper):
         try:
             import cndhf_codec
         except ImportError:
-            self.report({"ERROR"}, "Blender's Python lacks cndhf-codec; run its pip install 'cndhf-codec[mesh]'")
+            self.report({"ERROR"}, "Blender's Python lacks cndhf-codec; run its pip install '<checkout>[mesh]'")
             return {"CANCELLED"}
         try:
             for path in paths:

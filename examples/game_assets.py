@@ -4,6 +4,7 @@
 
 MESHES holds .obj, .ply, .stl, .off or .glb; KEPT gets a .cndhf each, made again only when its mesh is newer; BUILT gets
 NAME.lod0.glb, NAME.lod1.glb, ... with the surface's normals, each with a quarter of the triangles of the one before.
+The first has as many as the file's own error needs, but no more than FINEST.
 """
 
 from __future__ import annotations
@@ -16,15 +17,19 @@ import cndhf_codec
 from cndhf_codec.decoder.meshfile import write_mesh
 
 EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".glb")
-FINEST = 128  # grid cells along the longest side, of the first level
-FINEST_OF_SURFACE = 2  # steps of subdivision, of the first level; the control mesh itself is the third
+FINEST = 20_000  # triangles of the first level, at most
+LEAST = 50  # of any level
 
 
-def level_of_detail(model: cndhf_codec.Model, level: int) -> Any:
-    """The mesh of a level, 0 the finest, for files of either representation."""
-    if model.representation == "dhf":
-        return model.to_mesh(FINEST >> level, normals=True)
-    return model.to_mesh(level=max(FINEST_OF_SURFACE - level, 0), normals=True)
+def levels_of_detail(model: cndhf_codec.Model, count: int) -> list[Any]:
+    """The meshes of all levels, the finest first, for files of either representation."""
+    finest = model.to_mesh(normals=True)
+    own = 0 if model.representation == "dhf" else model.info["faces"]  # a surface has no fewer
+    out = []
+    for k in range(count):
+        wanted = max(min(len(finest.faces), FINEST) // 4**k, LEAST, own)
+        out.append(finest if wanted >= len(finest.faces) else model.to_mesh(faces=wanted, normals=True))
+    return out
 
 
 def build(meshes: Path, kept: Path, built: Path, preset: str = "default", lods: int = 3) -> list[str]:
@@ -42,8 +47,7 @@ def build(meshes: Path, kept: Path, built: Path, preset: str = "default", lods: 
             if not stored.exists() or stored.stat().st_mtime < source.stat().st_mtime:
                 cndhf_codec.encode(source, preset=preset).save(stored, overwrite=True)
             model = cndhf_codec.load(stored)
-            for level in range(lods):
-                mesh = level_of_detail(model, level)
+            for level, mesh in enumerate(levels_of_detail(model, lods)):
                 write_mesh(mesh, built / f"{source.stem}.lod{level}.glb", overwrite=True, with_normals=True)
         except cndhf_codec.CndhfError as exc:
             failures.append(f"{source.name}: {exc}")

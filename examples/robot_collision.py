@@ -46,6 +46,8 @@ def signed_distance(model: cndhf_codec.Model, points: np.ndarray) -> tuple[np.nd
 
 
 def main() -> None:
+    if len(sys.argv) != 2:
+        raise SystemExit("usage: python examples/robot_collision.py obstacle.cndhf")
     model = cndhf_codec.load(sys.argv[1])
     centre, scale = np.array(model.info["centre"]), model.info["scale"]
     way = np.array([-1.0, 0, 0])

@@ -54,6 +54,8 @@ def surface_points(model: cndhf_codec.Model, n: int, seed: int = 0) -> np.ndarra
 
 
 def main() -> None:
+    if len(sys.argv) != 2:
+        raise SystemExit("usage: python examples/torch_fit_pose.py part.cndhf")
     model = cndhf_codec.load(sys.argv[1])
     points = surface_points(model, 2000)
     centre, scale = np.array(model.info["centre"]), model.info["scale"]

@@ -59,6 +59,17 @@ def test_robot_collision(golden):
     assert "points inside" in lines[-1]
 
 
+@pytest.mark.parametrize("name", ["robot_collision.py", "torch_fit_pose.py"])
+def test_without_arguments_an_example_says_how_it_is_used(name):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, ROOT / "examples" / name], capture_output=True, text=True, check=False, env=environment
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"usage: python examples/{name} ")
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_signed_distance_of_a_box():
     import analytic
     import robot_collision

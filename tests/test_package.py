@@ -100,6 +100,6 @@ def test_every_error_is_a_cndhf_error():
 def test_a_missing_extra_is_named(monkeypatch, golden, gone, use, extra):
     model = cndhf_codec.load(golden / "encoded.cndhf")
     monkeypatch.setitem(sys.modules, gone, None)
-    with pytest.raises(ImportError, match=rf"needs {gone.split('.')[0]}.*pip install 'cndhf-codec\[{extra}\]'") as e:
+    with pytest.raises(ImportError, match=rf"needs {gone.split('.')[0]}.*pip install '.\[{extra}\]'") as e:
         use(model)
     assert isinstance(e.value, cndhf_codec.CndhfError)

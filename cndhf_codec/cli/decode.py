@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
+import numpy as np
 
 from ..errors import OptionError
 from ..files import STREAM, check_output
@@ -16,38 +17,36 @@ if TYPE_CHECKING:
     from ..decoder.model import Model
     from ..decoder.representation import Detail
 
-COARSEST = 8  # the least resolution
 
-
-@click.command(context_settings={"show_default": True})
+@click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
 @click.argument("source", metavar="INPUT.cndhf", type=click.Path(path_type=Path))
 @click.argument("target", metavar="[OUTPUT]", required=False, type=click.Path(path_type=Path))
+@click.option("--faces", type=int, help="At most so many triangles.  [default: as many as the file's error needs]")
+@click.option(
+    "--max-error",
+    metavar="ERROR",
+    help="In place of --faces: about the greatest distance from the exact surface, a number in input units or 0.1% of "
+    "the bounding box's diagonal.",
+)
+@click.option("--level", type=int, help="Of surfaces: subdivide so often, 0 to 6, in place of an error.")
 @click.option(
     "--resolution",
     type=int,
-    help="Of double height fields, and of --occupancy: grid cells along the longest side of the solid.  "
-    "[default: 256, see --method]",
+    help="Of double height fields: marching cubes with so many cells along the longest side, not simplified. Also of "
+    "--occupancy.  [default: 128 to 256, by the file's error; of --occupancy 256]",
 )
 @click.option(
     "--method",
     type=click.Choice(["marching-cubes", "intersection"]),
-    help="Of double height fields: how the surface is made; `intersection` keeps creases sharp and makes far fewer "
-    "triangles.  "
-    "[default: marching-cubes; intersection where walls are thinner than a cell and no --resolution is given]",
+    help="Of double height fields: how the surface is made; `intersection` keeps creases exact and takes longer.  "
+    "[default: marching-cubes; intersection where walls are thinner than a cell]",
 )
+@click.option("--specks", is_flag=True, help="Of double height fields: keep pieces smaller than the file's error.")
 @click.option(
-    "--max-error",
-    metavar="ERROR",
-    help="Of surfaces, and for --method intersection: distance from the exact surface, a number in input units or 0.1% "
-    "of the bounding box's diagonal (default: 0.02%; of a surface, but for 1% of its edges).",
+    "--normals/--no-normals",
+    default=None,
+    help="Write vertex normals (.ply, .obj, .glb), those of the exact surface.  [default: in .glb only]",
 )
-@click.option(
-    "--faces",
-    type=int,
-    help="Of surfaces, and for --method intersection: at most so many triangles, in place of an error.",
-)
-@click.option("--level", type=int, help="Of surfaces: subdivide so often, 0 to 6, in place of an error.")
-@click.option("--normals", is_flag=True, help="Write vertex normals (.ply, .obj, .glb), those of the exact surface.")
 @click.option(
     "--format", "format_", type=click.Choice(["ply", "obj", "stl", "off", "glb"]), help="What to write to OUTPUT -."
 )
@@ -55,8 +54,8 @@ COARSEST = 8  # the least resolution
     "--lod",
     metavar="N",
     type=int,
-    help="Write N levels of detail: OUTPUT.lod0.EXT at --resolution, OUTPUT.lod1.EXT at half of it, and so on; of a "
-    "surface, one level of subdivision less each.",
+    help="Write N levels of detail: OUTPUT.lod0.EXT, the mesh that the other options say, OUTPUT.lod1.EXT with a "
+    "quarter of its triangles, and so on.",
 )
 @click.option(
     "--occupancy",
@@ -70,12 +69,13 @@ COARSEST = 8  # the least resolution
 def command(
     source: Path,
     target: Path | None,
+    faces: int | None,
+    max_error: str | None,
+    level: int | None,
     resolution: int | None,
     method: Literal["marching-cubes", "intersection"] | None,
-    max_error: str | None,
-    faces: int | None,
-    level: int | None,
-    normals: bool,
+    specks: bool,
+    normals: bool | None,
     format_: str | None,
     lod: int | None,
     occupancy: Path | None,
@@ -84,11 +84,12 @@ def command(
 ) -> None:
     """Turn INPUT.cndhf into the mesh OUTPUT; its extension says how: .ply, .obj, .stl, .off or .glb.
 
-    INPUT or OUTPUT may be `-`, the standard input or output; --format says how then.
+    INPUT or OUTPUT may be `-`, the standard input or output; --format says how then. By default there are as many
+    triangles as the file's own error needs: fewer would add more than a few percent to it, more would gain nothing.
     """
+    from ..decoder.dhf.meshes import DEFAULT_RESOLUTION
     from ..decoder.gridfile import write_grid
     from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
-    from ..decoder.model import DEFAULT_RESOLUTION
     from ..decoder.reading import load, load_stream
     from ..decoder.representation import Detail
 
@@ -97,11 +98,13 @@ def command(
     to_stream = target == STREAM
     if to_stream != (format_ is not None):
         raise OptionError("--format belongs to the OUTPUT -: a file's extension says its format")
-    if lod is not None and (target is None or to_stream or method == "intersection"):
-        raise OptionError("--lod needs an OUTPUT file, to name its levels after, and marching cubes")
+    if lod is not None and (target is None or to_stream):
+        raise OptionError("--lod needs an OUTPUT file, to name its levels after")
     if lod is not None and lod < 1:
         raise OptionError(f"--lod is {lod}: 1 or more are needed")
     cells = DEFAULT_RESOLUTION if resolution is None else resolution
+    if normals is None:
+        normals = target is not None and (format_ or target.suffix[1:]).lower() == "glb"
     paths = [] if target is None else [target] if lod is None else _paths(target, lod)
     for path in paths:
         if normals:
@@ -120,7 +123,7 @@ def command(
     model = load_stream(standard_input(), "standard input") if source == STREAM else load(source)
     if model.representation == "surface" and occupancy is not None:
         resolution = None  # it is that of the grid
-    detail = Detail(resolution, method, max_error, faces, level)
+    detail = Detail(resolution, method, max_error, faces, level, specks)
     # Make all before writing any: an interrupt leaves nothing.
     meshes = [] if not paths else _meshes(model, detail, normals, lod)
     grid = None if occupancy is None else model.occupancy(cells)
@@ -134,9 +137,7 @@ def command(
         if note is not None:
             click.echo(f"cndhf-decode: warning: {note}", err=True)
         if not (quiet or to_stream):
-            # The normals of a surface make seams in a mesh; the surface itself has none there.
-            whole = mesh.is_watertight or (normals and model.info.get("closed", False))
-            click.echo(f"{path}: {len(mesh.faces)} triangles, watertight: {'yes' if whole else 'no'}")
+            click.echo(f"{path}: {_summary(mesh, bool(model.info.get('closed', True)), normals)}")
     if grid is not None and occupancy is not None:
         write_grid(occupancy, *grid, overwrite)
         if not quiet:
@@ -150,22 +151,32 @@ def _paths(target: Path, n: int) -> list[Path]:
     return [target.with_name(f"{target.stem}.lod{k}{target.suffix}") for k in range(n)]
 
 
-def _meshes(model: Model, detail: Detail, normals: bool, n: int | None) -> list[Any]:
-    """The mesh, or n levels of detail. Each has about a quarter of the triangles of the one before."""
-    from ..decoder.model import DEFAULT_RESOLUTION
+def _summary(mesh: Any, closed: bool, normals: bool) -> str:
+    """closed: whether the shape is. Normals make seams in the mesh of a surface; the surface itself has none there."""
+    from ..decoder.pieces import piece_labels
 
-    if n is None:
-        return [model.to_mesh(normals=normals, **detail._asdict())]
-    if model.representation == "dhf":
-        resolution = DEFAULT_RESOLUTION if detail.resolution is None else detail.resolution
-        if resolution >> (n - 1) < COARSEST:
-            raise OptionError(
-                f"--lod is {n}: the last level's resolution, {resolution} halved {n - 1} times, must be {COARSEST} or "
-                "more"
-            )
-        details = [detail._replace(resolution=resolution >> k) for k in range(n)]
-        return [model.to_mesh(normals=normals, **d._asdict()) for d in details]
+    seams = normals and closed and not mesh.is_watertight
+    whole = closed and (mesh.is_watertight or seams)
+    out = f"{len(mesh.faces)} triangles, watertight: {'yes' if whole else 'no'}"
+    if seams:
+        return out
+    pieces = int(piece_labels(np.asarray(mesh.faces), len(mesh.vertices)).max()) + 1
+    return f"{out}, {pieces} piece{'s' * (pieces != 1)}"
+
+
+def _meshes(model: Model, detail: Detail, normals: bool, n: int | None) -> list[Any]:
+    """The mesh, or n levels of detail. Each has a quarter of the triangles of the one before."""
+    from ..decoder.simplify import LEAST_FACES
+
     finest = model.to_mesh(normals=normals, **detail._asdict())
+    if n is None:
+        return [finest]
+    if model.representation == "dhf":
+        rest = detail._replace(max_error=None)
+        counts = [len(finest.faces) // 4**k for k in range(1, n)]
+        if n > 1 and counts[-1] < LEAST_FACES:
+            raise OptionError(f"--lod is {n}: the last level would have {counts[-1]} triangles; ask for fewer levels")
+        return [finest, *(model.to_mesh(normals=normals, **rest._replace(faces=c)._asdict()) for c in counts)]
     level = 0
     while model.info["faces"] * 4**level < len(finest.faces):
         level += 1

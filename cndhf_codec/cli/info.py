@@ -9,20 +9,30 @@ from typing import Any
 
 import click
 
+from ..files import STREAM
+from .streams import standard_input
 
-@click.command()
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("source", metavar="INPUT.cndhf", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.version_option(package_name="cndhf-codec")
 def command(source: Path, as_json: bool) -> None:
-    """Print what INPUT.cndhf holds: bytes by section, its fields or its surface, measured error in input units."""
-    from ..decoder.reading import load
+    """Print what INPUT.cndhf holds: bytes by section, its fields or its surface, measured error in input units.
 
-    info = load(source).info
-    click.echo(json.dumps(info, indent=2) if as_json else _table(source, info))
+    INPUT may be `-`, the standard input.
+    """
+    from ..decoder import reading
+
+    if source == STREAM:
+        name = "standard input"
+        info = reading.load_stream(standard_input(), name).info
+    else:
+        name, info = str(source), reading.load(source).info
+    click.echo(json.dumps(info, indent=2) if as_json else _table(name, info))
 
 
-def _table(source: Path, info: dict[str, Any]) -> str:
+def _table(source: str, info: dict[str, Any]) -> str:
     rows = [(name, f"{n}", f"{100 * n / info['bytes']:.1f} %") for name, n in info["sections"].items()]
     lines = [
         f"{source}: {info['bytes']} bytes",

@@ -18,7 +18,8 @@ from ..arguments import chunks, path_like, rows, vectors, whole_number
 from ..arrays import F32, F64, Mask
 from ..errors import OptionError, require
 from ..files import write_atomically
-from .dhf.representation import DEFAULT_RESOLUTION, DhfRepresentation
+from .dhf.meshes import DEFAULT_RESOLUTION
+from .dhf.representation import DhfRepresentation
 from .limits import Limits
 from .parallel import over_rows
 from .representation import Detail, Method, Representation
@@ -93,6 +94,22 @@ class Model:
     def __reduce__(self) -> tuple[Any, ...]:
         # Cells and tables can be made again, and their lock cannot be copied.
         return Model, (self.container, self._sections, self.limits), {"report": self.report}
+
+    def __repr__(self) -> str:
+        """Representation, size and mean error.
+
+        >>> import cndhf_codec
+        >>> cndhf_codec.load("tests/golden/encoded.cndhf")
+        <Model of 2 double height fields, 1232 bytes, mean error 0.6767>
+        """
+        info = self.info
+        if info["representation"] == "dhf":
+            count = len(info["dhfs"])
+            what = f"{count} double height field{'s' * (count != 1)}"
+        else:
+            what = f"a surface of {info['vertices']} control vertices"
+        error = "not measured" if info["mean_error"] is None else f"{info['mean_error']:.4g}"
+        return f"<Model of {what}, {info['bytes']} bytes, mean error {error}>"
 
     @property
     def limits(self) -> Limits:
@@ -510,32 +527,41 @@ class Model:
         faces: int | None = None,
         normals: bool = False,
         level: int | None = None,
+        specks: bool = False,
     ) -> Any:
         """The surface as a mesh: watertight, but that of a sheet; facing outward. Needs the `mesh` extra.
+
+        By default there are as many triangles as the file's own measured error needs. Double height fields: marching
+        cubes with cells of twelve mean errors (128 to 256 along the longest side), simplified by half the mean error,
+        which adds 2 to 4 % to it; by intersection where walls are thinner than a cell; at 256, not simplified, where
+        the file holds no error. A surface: the coarsest level within 0.02 % of the diagonal of its bounding box, but
+        for 1 % of its edges, and with at most 524,288 triangles.
 
         Parameters
         ----------
         resolution : int, optional
-            Of double height fields. Cells along the longest side of the solid's box, 8 to 2048. When neither this nor
-            `method` is given, it is 256, and a solid with walls thinner than a cell of that is made by intersection
-            instead.
+            Of double height fields: cells along the longest side of the solid's box, 8 to 2048, for marching cubes. The
+            mesh is then simplified only as far as max_error or faces say.
         method : {"marching-cubes", "intersection"}, optional
-            Of double height fields. "intersection" triangulates each of them and intersects the solids: creases stay
-            sharp, and there are far fewer triangles. Should that fail, the result is that of marching cubes, with a
-            warning.
+            Of double height fields. "intersection" triangulates each of them and intersects the solids, within 0.02 %
+            of the diagonal, or at most a twentieth of the thickness of thin walls: creases are exact. Should that fail,
+            the result is that of marching cubes, with a warning. "marching-cubes" alone is at 256, not simplified.
         max_error : float or str, optional
-            For "intersection" and surfaces: about the greatest distance from the exact surface, as a number of input
-            units or as "0.1%" of the diagonal of the shape's bounding box. When neither this nor `faces` nor `level` is
-            given, it is "0.02%"; for "intersection", at most a twentieth of the thickness of thin walls. A surface then
-            keeps to it but for 1 % of its edges, on average within a quarter of it; its level is the finest with at
-            most 524,288 triangles, if that is off by more.
+            About the greatest distance from the exact surface, as a number of input units or as "0.1%" of the diagonal
+            of the shape's bounding box. Of marching cubes: 99.9 % of the vertices on a grid with cells of three such
+            errors (384 at most along the longest side) are within it; between them, creases may be off by more.
         faces : int, optional
-            For "intersection" and surfaces: the most triangles, in place of max_error.
+            The most triangles, in place of max_error. Of double height fields, by simplification; of a surface, the
+            finest level with no more.
         normals : bool
             Set the mesh's vertex normals: from the analytic gradient, or of the limit surface. Vertices on the sharp
             edges of a surface then come once per side, so that its mesh has seams.
         level : int, optional
             Of a surface: how often the control mesh is subdivided, 0 to 6, in place of max_error.
+        specks : bool
+            Of double height fields: keep pieces that are thinner than 1.5 times the file's p99 error, and shorter than
+            a tenth of the whole. They are artifacts of the fit, and left out otherwise; `contains` and the other
+            queries of points still see them, those of distances do not.
 
         Returns
         -------
@@ -545,13 +571,13 @@ class Model:
         Raises
         ------
         OptionError
-            When an option has a wrong type or value, options do not go together, or one does not belong to what the
-            file holds.
+            When an option has a wrong type or value, options do not go together, one does not belong to what the file
+            holds, or `faces` are too few for the shape's parts and handles.
         SurfaceError
             When the solid is empty or too thin for the resolution, a surface has no level as coarse or as fine as that,
             or it asks for more than `limits` allow.
         MissingExtraError
-            When trimesh or manifold3d is not installed.
+            When trimesh or manifold3d is not installed; only intersections need the latter.
 
         Warns
         -----
@@ -561,21 +587,21 @@ class Model:
         Notes
         -----
         Marching cubes takes at most 512 MiB of memory, 256 bytes per double height field and square of the resolution,
-        and 250 bytes per vertex. An intersection takes 512 MiB and 1 KiB per triangle of the double height fields'
-        solids: a few hundred MiB, but up to 4 GiB for a file of noise. A subdivision surface takes 64 MiB and 700 bytes
-        per vertex, 1,200 with normals; it has half as many vertices as triangles.
+        and 250 bytes per vertex; simplification 1 KiB per vertex. An intersection takes 512 MiB and 1 KiB per triangle
+        of the double height fields' solids: a few hundred MiB, but up to 4 GiB for a file of noise. A subdivision
+        surface takes 64 MiB and 700 bytes per vertex, 1,200 with normals; it has half as many vertices as triangles.
 
         Examples
         --------
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
-        >>> mesh = model.to_mesh(32)
-        >>> mesh.is_watertight
-        True
-        >>> len(model.to_mesh(method="intersection", faces=500).faces) <= 500
-        True
+        >>> mesh = model.to_mesh()
+        >>> mesh.is_watertight, len(mesh.faces) < len(model.to_mesh(128).faces) / 4
+        (True, True)
+        >>> len(model.to_mesh(faces=500).faces)
+        500
         """
-        detail = Detail(resolution, method, max_error, faces, level)
+        detail = Detail(resolution, method, max_error, faces, level, specks)
         trimesh = require("trimesh", "mesh")
         if normals:
             vertices, triangles, vertex_normals = self._shape.shaded_mesh(detail, self.limits)
@@ -593,9 +619,9 @@ class Model:
         Parameters
         ----------
         resolution : int, optional
-            Of double height fields: cells along the longest side of the solid's box, for marching cubes, by default
-            256. When walls are thinner than a cell of that, the surface is made by intersection, which needs the `mesh`
-            extra.
+            Of double height fields: cells along the longest side of the solid's box, for marching cubes, not
+            simplified; by default as in `to_mesh`. When walls are thinner than a cell of 256, the surface is made by
+            intersection, which needs the `mesh` extra.
         level : int, optional
             Of a surface: as for `to_mesh`.
 
@@ -620,10 +646,9 @@ class Model:
         """
         if not isinstance(self._shape, DhfRepresentation):
             return self._shape.mesh(Detail(resolution, level=level), self.limits)
-        if level is not None:
+        if resolution is None or level is not None:
             return self._shape.mesh(Detail(level=level), self.limits)
-        resolution = DEFAULT_RESOLUTION if resolution is None else whole_number(resolution, "resolution")
-        return self._shape.whole(resolution, self.limits)
+        return self._shape.whole(whole_number(resolution, "resolution"), self.limits)
 
     def occupancy(self, resolution: int = DEFAULT_RESOLUTION) -> OccupancyGrid:
         """In/out at the nodes of a regular grid around the solid.

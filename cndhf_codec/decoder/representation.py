@@ -22,6 +22,7 @@ class Detail(NamedTuple):
     max_error: float | str | None = None
     faces: int | None = None
     level: int | None = None
+    specks: bool = False
 
 
 class Representation(Protocol):

@@ -55,6 +55,8 @@ class Check:
         Number of axes that the next two assume: that of preset `default`.
     filled, error_lower_bound : float or None
         Volume that the exact height fields along the best axes would fill, and the mean error that this would cause.
+    lost : list of str
+        What the mesh holds beside its shape, which is not kept; see `Report`.
     assumptions : list of str
         A line for each thing that would be assumed.
     dhf_assumptions : list of str
@@ -83,6 +85,7 @@ class Check:
     hidden: float | None
     axes: int | None
     error_lower_bound: float | None
+    lost: list[str]
     assumptions: list[str]
     dhf_assumptions: list[str]
     refusal: str | None
@@ -166,6 +169,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         hidden=hidden,
         axes=axes,
         error_lower_bound=bound,
+        lost=list(mesh.lost),
         assumptions=assumptions,
         dhf_assumptions=of_solid,
         refusal=refusal,

@@ -17,6 +17,10 @@ class Deadline:
         """Share of the time that has passed: 1 or more when it is over, 0 without a limit."""
         return (time.monotonic() - self._start) / self._seconds
 
+    def left(self) -> float:
+        """Seconds left, 0 or more; infinite without a limit."""
+        return max(self._seconds - (time.monotonic() - self._start), 0.0)
+
     def part(self, share: float) -> Deadline:
         """A deadline after that share of the time that is left."""
         return Deadline(share * (self._seconds - (time.monotonic() - self._start)))

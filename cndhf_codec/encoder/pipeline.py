@@ -16,7 +16,9 @@ from .. import __version__
 from ..arguments import positive, whole_in
 from ..decoder.model import Model
 from ..decoder.parallel import processors
+from ..decoder.pieces import without_specks
 from ..decoder.reading import loads
+from ..decoder.results import TriangleMesh
 from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
 from ..format.constants import CODEC_RANS, CODEC_ZSTD, CRC_SIZE, HEADER_SIZE, TABLE_ENTRY_SIZE
@@ -31,7 +33,7 @@ from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
 from .settings import DhfSettings, PaperSettings, Plan, Preset, Representation, Settings, SurfaceSettings, plan_for
-from .size_search import smallest_file
+from .size_search import ErrorLimits, smallest_file
 from .thread_pool import ThreadPool
 
 VERIFY_SHARE = 0.1  # of a time limit
@@ -54,6 +56,7 @@ def encode(
     width: int | None = None,
     target_size: int | str | None = None,
     target_error: float | str | None = None,
+    target_max: float | str | None = None,
     unit: str | None = None,
     thicken: float | str | None = None,
     steps: int | None = None,
@@ -85,7 +88,11 @@ def encode(
         The most bytes of the file, as a number or such as "4KiB". By default the preset's.
     target_error : float or str, optional
         The most mean error: a number in input units, "0.2%" of the bounding box's diagonal, or "0.5mm" where `unit` is
-        given. Makes the smallest file found that keeps to it, by several encodes.
+        given. Makes the smallest file found that keeps to it, by several encodes. Single points are ten to a hundred
+        times as far off.
+    target_max : float or str, optional
+        The most maximum error, of 200,000 points on each surface, measured on the decoded file; as `target_error`, and
+        may go with it.
     unit : {"mm", "cm", "m", "in"}, optional
         The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
@@ -136,8 +143,11 @@ def encode(
     array([ True, False])
     """
     plan = plan_for(preset, representation, axes, width, target_size, steps)
-    limit = None if target_error is None else parse_length(target_error, unit, "target error")
-    if limit is not None and (target_size is not None or width is not None or isinstance(plan.dhf, PaperSettings)):
+    limits = ErrorLimits(
+        None if target_error is None else parse_length(target_error, unit, "target error"),
+        None if target_max is None else parse_length(target_max, unit, "target max"),
+    )
+    if limits.given and (target_size is not None or width is not None or isinstance(plan.dhf, PaperSettings)):
         raise OptionError("target error decides the size: it goes with no target size, no width and not with `paper`")
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
     seconds = math.inf if time_limit is None else positive(time_limit, "time limit", "seconds")
@@ -157,8 +167,13 @@ def encode(
     report = Report()
     clock = _Clock(report, progress)
     clock("read", 1)
-    run = _Run(as_given(source), wall, metadata, seed, threads, report, clock, limit)
+    run = _Run(as_given(source), wall, metadata, seed, threads, report, clock, limits)
     model = run.planned(plan, deadline)
+    if seconds < math.inf and model.report.poor:
+        raise EncodeError(
+            f"within the time limit of {seconds:g} s only a poor fit was reached ({model.report.poor[0]}); allow more "
+            "time, or use a smaller size"
+        )
     for line in model.report.warnings:
         warnings.warn(line, CndhfWarning, stacklevel=2)
     return model
@@ -237,9 +252,9 @@ class _Run:
         threads: int,
         report: Report,
         clock: _Clock,
-        limit: Length | None,
+        limits: ErrorLimits,
     ) -> None:
-        self._given, self._wall, self._metadata, self._report, self._limit = given, wall, metadata, report, limit
+        self._given, self._wall, self._metadata, self._report, self._limits = given, wall, metadata, report, limits
         self.seed, self.threads, self.clock = seed, threads, clock
         self._measured: tuple[Solid, Bodies] | None = None
 
@@ -267,7 +282,7 @@ class _Run:
             dhf = self._best(_HeightFields(), plan.dhf, deadline)
         except EncodeError:
             return surface
-        measure = _bytes if self._limit is not None else _mean_error
+        measure = _bytes if self._limits.given else _mean_error
         kept, left = (dhf, surface) if measure(dhf) <= AS_GOOD * measure(surface) else (surface, dhf)
         kept.report.other = Other(left.representation, _mean_error(left), len(left.dumps()), "encoded")
         return kept
@@ -281,7 +296,7 @@ class _Run:
         except MeshError:
             return Other("dhf", math.inf, 0, "impossible")
         error = _mean_error(surface)
-        self.clock("trial", 1)
+        self.clock("axes", 1)
         with ThreadPool(self.threads) as threads:
             costs = AxisCosts(source.solid, self.seed, threads)
         if costs.visible == 0:
@@ -307,16 +322,17 @@ class _Run:
     def _best(self, maker: _HeightFields | _Surfaces, settings: Settings, deadline: Deadline) -> Model:
         """Encode with these settings, or to the smallest file that keeps to the target error."""
         source = maker.prepared(self._given, self._wall)
-        if self._limit is None:
+        if not self._limits.given:
             return self._attempt(maker, source, settings, deadline)
 
         def attempt_size(size: int, more: int) -> tuple[Model, float]:
             assert not isinstance(settings, PaperSettings)
             sized = replace(settings, target_size=size)
             made = self._attempt(maker, source, sized, deadline.part(1 / (more + 1)))
-            return made, _mean_error(made)
+            assert made.report.distances is not None
+            return made, self._limits.excess(made.report.distances, source.diagonal)
 
-        return smallest_file(attempt_size, self._limit.in_units(source.diagonal))
+        return smallest_file(attempt_size, self._limits.text(source.diagonal))
 
     def _attempt(
         self, maker: _HeightFields | _Surfaces, source: AsGiven, settings: Settings, deadline: Deadline
@@ -342,7 +358,14 @@ class _Run:
                 f"{source.given.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower "
                 "preset, or more time"
             ) from exc
-        measured = surface_distances(*source.reference, norm.apply(surface.vertices), surface.faces, self.seed)
+        made_surface = TriangleMesh(norm.apply(surface.vertices), np.asarray(surface.faces, dtype=np.int64))
+        measured = surface_distances(*source.reference, *made_surface, self.seed)
+        kept = made_surface
+        if not isinstance(settings, SurfaceSettings):
+            # What is decoded by default has no specks. Which pieces are specks, the error with them says.
+            kept = without_specks(made_surface, measured.p99)
+        if kept is not made_surface:
+            measured = surface_distances(*source.reference, *kept, self.seed)
         bodies = self._bodies(source)
         self.clock.close()
         distances = measured.scaled(norm.scale)
@@ -360,6 +383,7 @@ class _Run:
             dropped_faces=source.given.dropped,
             flipped=source.flipped,
             assumptions=source.assumptions,
+            lost=list(source.given.lost),
             diagonal=source.diagonal,
             bodies=bodies,
             covered=made.covered,
@@ -368,7 +392,7 @@ class _Run:
             normalised=measured,
             distances=distances,
             decoded=replace(
-                bodies_of_surface(np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)),
+                bodies_of_surface(*kept).scaled(norm.scale),
                 closed=bool(surface.is_watertight),
             ),
         )

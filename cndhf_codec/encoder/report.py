@@ -46,6 +46,9 @@ class Report:
         Share whose orientation was reversed.
     assumptions : list of str
         A line for each thing that was assumed.
+    lost : list of str
+        What the input holds beside its shape, and the file does not: colours, texture coordinates, textures, materials,
+        skins, animations.
     visible, covered : float
         Shares that any candidate axis sees, and that the chosen axes see.
     unknown : float
@@ -67,6 +70,7 @@ class Report:
     dropped_faces: int = 0
     flipped: float = 0.0
     assumptions: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
     visible: float = 0.0
     covered: float = 0.0
     unknown: float = 0.0
@@ -80,9 +84,11 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         """A line for each thing that a user should know before trusting the result."""
-        return [*self.assumptions, *hidden_warning(self.visible), *self._poor(), *self._changed(), *self._sheet()]
+        return [*self.assumptions, *hidden_warning(self.visible), *self.poor, *self._changed(), *self._sheet()]
 
-    def _poor(self) -> list[str]:
+    @property
+    def poor(self) -> list[str]:
+        """A line where the fit has failed."""
         # What is hidden comes back filled, which has its own warning. It may be a quarter of the diagonal away, and
         # counts in one of the two directions.
         allowed = POOR_ERROR + (1 - self.visible) / 8

@@ -50,7 +50,7 @@ class Mesh:
     """Triangles with no zero-area face, no unused vertex, equal positions merged, and vertices and faces sorted.
 
     vertices: (N, 3) float64. faces: (M, 3) int64. dropped: number of zero-area faces left out. notes: a line for each
-    thing in the file that was not read as it stands.
+    thing in the file that was not read as it stands. lost: what else the file holds of the surface's looks or motion.
     """
 
     vertices: F64
@@ -58,6 +58,7 @@ class Mesh:
     name: str
     dropped: int
     notes: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
 
     @property
     def triangles(self) -> F64:
@@ -161,7 +162,7 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
     notes = read.notes
     if found is not None and kind is not None and found != kind:
         notes = [f"the content is {found.upper()}, whatever the name says, and was read as such", *notes]
-    return replace(checked(read.vertices, read.faces, name), notes=tuple(notes))
+    return replace(checked(read.vertices, read.faces, name), notes=tuple(notes), lost=tuple(read.lost))
 
 
 def _unpacked(data: bytes) -> bytes:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -70,13 +72,15 @@ def test_encode_decode_info(run, box, tmp_path):
     code, out, err = run("encode", box, target, *options)
     assert (code, err) == (0, "")
     assert f"{target}: {target.stat().st_size} bytes" in out
-    assert "error in input units" in out
     assert "input: 1 part, volume 0.125; result: 1 part, volume 0.1" in out
+    errors = r"mean error \S+ % of the diagonal, p99 \S+ %, maximum \S+ %, 1 piece, \d+ s"
+    last = rf"{box.stat().st_size} bytes -> \d+ bytes \(0\.\d:1\), {errors}"
+    assert re.fullmatch(last, out.splitlines()[-1]), out
 
     code, out, err = run("decode", target, mesh, "--resolution", "32")
     assert (code, err) == (0, "")
     back = trimesh.load(mesh, process=False)
-    assert f"{mesh}: {len(back.faces)} triangles, watertight: yes" in out
+    assert f"{mesh}: {len(back.faces)} triangles, watertight: yes, {back.body_count} piece" in out
 
     code, out, err = run("info", target)
     assert (code, err) == (0, "")
@@ -138,8 +142,9 @@ def test_a_fall_back_is_one_line(run, model, tmp_path, monkeypatch):
 @pytest.mark.parametrize("extension", ["ply", "obj", "glb"])
 def test_normals_are_written(run, model, tmp_path, extension):
     plain, target = tmp_path / f"plain.{extension}", tmp_path / f"a.{extension}"
-    assert run("decode", model, plain, "--resolution", "16")[0] == 0
-    assert run("decode", model, target, "--resolution", "16", "--normals")[0] == 0
+    default = extension == "glb"
+    assert run("decode", model, plain, "--resolution", "16", *["--no-normals"] * default)[0] == 0
+    assert run("decode", model, target, "--resolution", "16", *["--normals"] * (not default))[0] == 0
     mesh = load(model).to_mesh(16, normals=True)
     assert target.stat().st_size > plain.stat().st_size + 10 * len(mesh.vertices)
     np.testing.assert_allclose(stored_normals(target), mesh.vertex_normals, atol=1e-4)
@@ -171,19 +176,31 @@ def test_decode_to_both(run, model, tmp_path):
     assert grid.exists()
 
 
-def test_decode_to_levels_of_detail(run, fails, model, tmp_path):
-    code, out, err = run("decode", model, tmp_path / "a.glb", "--lod", "3", "--resolution", "48")
+@pytest.mark.parametrize("options", [[], ["--resolution", "48"], ["--method", "intersection", "--max-error", "0.3%"]])
+def test_decode_to_levels_of_detail(run, fails, model, tmp_path, options):
+    code, out, err = run("decode", model, tmp_path / "a.glb", "--lod", "3", *options)
     assert (code, err) == (0, "")
     assert sorted(os.listdir(tmp_path)) == ["a.lod0.glb", "a.lod1.glb", "a.lod2.glb"]
     assert len(out.splitlines()) == 3
-    for k, path in enumerate(sorted(tmp_path.iterdir())):
-        assert len(trimesh.load(path, force="mesh").faces) == len(load(model).to_mesh(48 >> k).faces)
+    counts = [len(trimesh.load(path, force="mesh").faces) for path in sorted(tmp_path.iterdir())]
+    assert counts[1] == pytest.approx(counts[0] / 4, abs=2)
+    assert counts[2] == pytest.approx(counts[0] / 16, abs=2)
     # One level that exists stops all of them, before any work.
     (tmp_path / "a.lod0.glb").unlink()
     assert "a.lod1.glb: exists already" in fails(1, "decode", model, tmp_path / "a.glb", "--lod", "2")
-    for n, resolution in (("0", "64"), ("-1", "64"), ("5", "64")):
-        arguments = [model, tmp_path / "b.glb", "--lod", n, "--resolution", resolution]
-        assert f"--lod is {n}" in fails(2, "decode", *arguments)
+    for n in ("0", "-1", "15"):
+        assert f"--lod is {n}" in fails(2, "decode", model, tmp_path / "b.glb", "--lod", n)
+
+
+def test_by_default_few_triangles_and_faces_for_every_method(run, model, tmp_path):
+    out = run("decode", model, tmp_path / "a.ply")[1]
+    assert ", watertight: yes, 2 pieces" in out
+    default = len(trimesh.load(tmp_path / "a.ply").faces)
+    assert default < len(load(model).to_mesh(128).faces) / 5
+    assert run("decode", model, tmp_path / "b.ply", "--faces", "300")[0] == 0
+    assert len(trimesh.load(tmp_path / "b.ply").faces) == 300
+    assert run("decode", model, tmp_path / "c.ply", "--max-error", "2%", "--specks")[0] == 0
+    assert len(trimesh.load(tmp_path / "c.ply").faces) < 2 * default
 
 
 @pytest.mark.encode
@@ -232,13 +249,13 @@ def test_no_output_replaces_its_input(fails, box, model, tmp_path):
     os.link(box, tmp_path / "twin")
     before = box.read_bytes()
     for target in (box, tmp_path / "link", tmp_path / "twin"):
-        assert "is the input itself" in fails(1, "encode", box, target, "--overwrite", "--preset", "fast")
+        assert "is the input itself" in fails(1, "encode", box, target, "--overwrite", "--force-name")
     own = tmp_path / "own.ply"
     own.write_bytes(model.read_bytes())
     assert "is the input itself" in fails(1, "decode", own, own, "--overwrite")
     assert "is the input itself" in fails(1, "compare", box, box, "--html", box, "--overwrite")
     with open(box, "rb") as file:
-        command = [*ENCODE, "-", box, "--overwrite"]
+        command = [*ENCODE, "-", box, "--overwrite", "--force-name"]
         done = subprocess.run(command, stdin=file, capture_output=True, text=True, check=False)
     assert "is the input itself" in done.stderr
     assert box.read_bytes() == before
@@ -267,6 +284,42 @@ def test_damage_in_a_stream(tmp_path, model):
     assert (done.returncode, done.stdout) == (1, b"")
     assert done.stderr.startswith(b"cndhf-decode: error: standard input: the file has")
     assert not (tmp_path / "a.ply").exists()
+
+
+def test_info_of_a_stream(run, model, monkeypatch):
+    with open(model, "rb") as file:
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(file))
+        code, out, err = run("info", "-")
+    assert (code, err) == (0, "")
+    assert out == run("info", model)[1].replace(str(model), "standard input")
+
+
+@pytest.mark.usefixtures("tiny")
+def test_several_inputs_to_a_folder(run, box, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (tmp_path / "broken.stl").write_text("no mesh")
+    packed = tmp_path / "other.ply.gz"
+    packed.write_bytes(gzip.compress(box.read_bytes()))
+    paths = [tmp_path / "broken.stl", box, packed]
+    code, out, err = run("encode", *paths, "--to", folder, "--preset", "fast", "--threads", "1")
+    assert code == 1
+    assert err.startswith(f"cndhf-encode: error: {tmp_path / 'broken.stl'}: ")
+    assert len(err.splitlines()) == 1
+    assert sorted(os.listdir(folder)) == ["box.cndhf", "other.cndhf"]
+    assert out.count("1 piece") == 2
+    assert "exists already" in run("encode", *paths, "--to", folder)[2]
+    assert run("encode", box, folder / "a.bin", "--force-name", "--preset", "fast", "--quiet")[0] == 0
+    assert load(folder / "a.bin").info["bytes"]
+
+
+@pytest.mark.usefixtures("tiny")
+def test_what_is_not_kept_is_named(run, tmp_path):
+    text = "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nv 0 0 1 1 0 0\nvt 0 0\nusemtl a\n"
+    (tmp_path / "a.obj").write_text(text + "f 1/1 3/1 2/1\nf 1/1 2/1 4/1\nf 1/1 4/1 3/1\nf 2/1 3/1 4/1\n")
+    out = run("encode", tmp_path / "a.obj", tmp_path / "a.cndhf", "--preset", "fast", "-v")[1]
+    assert "not kept: texture coordinates, materials, colours\n" in out
+    assert "double height field" in out
 
 
 def test_info_as_a_table(run, model):
@@ -301,7 +354,7 @@ def test_compare(run, box, tmp_path):
 def test_a_page_needs_matplotlib_and_says_so_first(fails, box, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setattr("cndhf_codec.report.compare.compare", lambda *_: pytest.fail("compared"))
-    assert "cndhf-codec[report]" in fails(1, "compare", box, box, "--html", tmp_path / "a.html")
+    assert ".[report]" in fails(1, "compare", box, box, "--html", tmp_path / "a.html")
 
 
 def test_compare_with_a_cndhf_file(run, model, tmp_path):
@@ -478,6 +531,13 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
         ("encode", [], "INPUT"),
         ("encode", ["a.ply"], "OUTPUT"),
         ("encode", ["a.ply", "a.cndhf", "--check"], "leave a.cndhf out"),
+        ("encode", ["a.ply", "b.ply"], "does not end in .cndhf"),
+        ("encode", ["a.ply", "b.cndhf", "c.ply"], "--to DIR"),
+        ("encode", ["a.ply", "b.ply", "--to", "none"], "none: --to needs a folder"),
+        ("encode", ["a.ply", "-", "--to", "."], "standard input has no name"),
+        ("encode", ["a.ply", "sub/a.obj", "--to", "."], "same output as a.ply"),
+        ("encode", ["a.ply", "a.cndhf", "--target-max", "1mm"], "state it with --unit"),
+        ("encode", ["a.ply", "a.cndhf", "--target-max", "1%", "--target-size", "1KiB"], "no target size"),
         ("encode", ["a.ply", "a.cndhf", "--json"], "--json goes with --check"),
         ("encode", ["a.ply", "a.cndhf", "--thicken", "thick"], "thickness is 'thick'"),
         ("encode", ["a.ply", "--check", "--thicken", "2mm"], "state it with --unit"),
@@ -488,13 +548,13 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
         ("encode", ["a.ply", "a.cndhf", "--threads", "0"], "threads is 0"),
         ("encode", ["a.ply", "a.cndhf", "--seed", "-1"], "seed is -1"),
         ("encode", ["a.ply", "a.cndhf", "--frobnicate"], "--frobnicate"),
-        ("encode", ["a.ply", "a.cndhf", "extra"], "extra"),
         ("decode", ["MODEL"], "nothing to write"),
         ("decode", ["MODEL", "a.step"], "unknown mesh extension"),
         ("decode", ["MODEL", "-"], "--format"),
         ("decode", ["MODEL", "a.ply", "--format", "obj"], "--format"),
         ("decode", ["MODEL", "-", "--format", "step"], "step"),
         ("decode", ["MODEL", "-", "--format", "ply", "--lod", "2"], "--lod"),
+        ("decode", ["MODEL", "a.ply", "--faces", "100", "--max-error", "1%"], "not both"),
         ("compare", ["MODEL"], "B"),
         ("compare", ["MODEL", "MODEL", "--resolution", "7"], "resolution is 7"),
         ("decode", ["MODEL", "a.ply", "--resolution", "7"], "resolution is 7"),
@@ -512,6 +572,7 @@ def test_help_and_version(run, name):
     code, out, err = run(name, "--help")
     assert (code, err) == (0, "")
     assert f"cndhf-{name}" in out
+    assert run(name, "-h") == (code, out, err)
     code, out, err = run(name, "--version")
     assert (code, err) == (0, "")
     assert "0." in out
@@ -541,7 +602,8 @@ def test_missing_extra(model, box, tmp_path, name, gone, extra):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "")
     expected = (
-        f"cndhf-{name}: error: this needs {gone}, which is not installed; run: pip install 'cndhf-codec[{extra}]'"
+        f"cndhf-{name}: error: this needs {gone}, which is not installed; run, in a checkout of cndhf-codec: "
+        f"pip install '.[{extra}]'"
     )
     assert done.stderr.splitlines() == [expected]
 
@@ -629,8 +691,9 @@ def test_text_in_a_file_cannot_drive_the_terminal(run, tmp_path):
 @pytest.mark.encode
 @pytest.mark.parametrize("name", ["encode", "decode", "info"])
 def test_the_installed_script(name, tmp_path):
+    outputs = {"encode": [tmp_path / "a.cndhf"], "decode": [tmp_path / "a.ply"], "info": []}[name]
     done = subprocess.run(
-        [BIN / f"cndhf-{name}", tmp_path / "no.cndhf", *([tmp_path / "a.ply"] if name != "info" else [])],
+        [BIN / f"cndhf-{name}", tmp_path / "no.cndhf", *outputs],
         capture_output=True,
         text=True,
         check=False,

@@ -44,7 +44,7 @@ def test_decode_by_level_error_and_faces(run, files):
     ):
         code, out, _ = run("decode", files / "ball.cndhf", files / "ball.ply", "--overwrite", *options)
         assert code == 0
-        assert f"{faces} triangles, watertight: yes" in out
+        assert f"{faces} triangles, watertight: yes, 1 piece" in out
         assert len(trimesh.load(files / "ball.ply").faces) == faces
     mesh = trimesh.load(files / "ball.ply")
     np.testing.assert_allclose(mesh.bounds.mean(axis=0), (1, 2, 3), atol=1e-4)

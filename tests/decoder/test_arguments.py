@@ -72,7 +72,7 @@ def test_numbers_of_double_height_fields(model, data, i):
 
 @pytest.mark.parametrize("faces", ["many", [100], 5j])
 def test_faces(model, faces):
-    with pytest.raises(OptionError, match="a number is needed"):
+    with pytest.raises(OptionError, match="a whole number is needed"):
         model.to_mesh(method="intersection", faces=faces)
 
 

@@ -192,16 +192,13 @@ def test_empty_solids():
     ("options", "message"),
     [
         ({"method": "cubes"}, "method is 'cubes'"),
-        ({"max_error": 1.0}, "belong to method"),
-        ({"faces": 100}, "belong to method"),
         ({"method": "intersection", "max_error": 1.0, "faces": 100}, "not both"),
-        ({"method": "intersection", "faces": 3}, "at least 4"),
-        ({"method": "intersection", "faces": float("nan")}, "at least 4"),
+        ({"method": "intersection", "faces": 3}, "4 or more"),
+        ({"method": "intersection", "faces": float("nan")}, "a whole number"),
         ({"method": "intersection", "max_error": 0}, "positive"),
         ({"method": "intersection", "max_error": "1mm"}, "positive"),
         ({"method": "intersection", "max_error": "nan%"}, "positive"),
         ({"method": "intersection", "resolution": 4}, "resolution is 4"),
-        ({"method": "intersection", "faces": 5}, "too few"),
     ],
 )
 def test_wrong_options(options, message):

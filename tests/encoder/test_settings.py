@@ -63,3 +63,16 @@ def test_narrow_networks_take_more_steps_and_wide_ones_too_up_to_the_dearest_siz
     steps = [settings_for("default", target_size=n).for_size().joint_steps for n in sizes]
     assert steps == [120_000, 80_000, 40_000, 58_594, 80_000, 40_000, 10_000]
     assert settings_for("default", width=9).for_size().joint_steps == 40_000
+
+
+def test_a_short_time_leaves_out_what_cannot_be_cut_short():
+    default = settings_for("default")
+    assert default.within(float("inf")) is default
+    assert default.within(150) is default
+    some = default.within(100)
+    assert (some.trial_steps, some.rounds, some.samples) == (0, default.rounds, default.samples)
+    least = default.within(30)
+    assert least.one_attempt
+    for field in ("steps", "samples", "clear_cells", "rounds", "samples_per_weight", "target_resolution"):
+        assert getattr(least, field) < getattr(default, field)
+    assert least.joint_steps == default.joint_steps  # those the deadline cuts short

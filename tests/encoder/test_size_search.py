@@ -10,8 +10,10 @@ import pytest
 from quietly import encode_quietly
 
 from cndhf_codec.encoder import deadline, settings, size_search
-from cndhf_codec.encoder.size_search import smallest_file
+from cndhf_codec.encoder.size_search import ErrorLimits, smallest_file
 from cndhf_codec.errors import EncodeError, OptionError
+from cndhf_codec.mesh.distances import Distances
+from cndhf_codec.mesh.lengths import parse_length
 
 pytestmark = pytest.mark.encode
 
@@ -28,21 +30,43 @@ def test_the_search_finds_a_size_a_little_above_the_smallest(wanted, power, floo
     def attempt(size, more):
         tried.append(size)
         assert more == size_search.TRIES - len(tried)
-        return size, error_of(size, power, floor)
+        return size, error_of(size, power, floor) / error_of(wanted, power, floor)
 
-    found = smallest_file(attempt, error_of(wanted, power, floor))
+    found = smallest_file(attempt, "so much")
     assert wanted <= found <= 1.15 * wanted
     assert len(tried) <= size_search.TRIES
     assert len(set(tried)) == len(tried)
 
 
 def test_the_smallest_file_of_all_is_taken_when_it_will_do():
-    assert smallest_file(lambda size, more: (size, 0.0), 1.0) == size_search.SMALLEST_SIZE
+    assert smallest_file(lambda size, more: (size, 0.0), "so much") == size_search.SMALLEST_SIZE
 
 
 def test_an_error_out_of_reach_says_what_was_reached():
-    with pytest.raises(EncodeError, match=rf"0\.001.*not reached.*0\.5 at {size_search.LARGEST_SIZE} bytes"):
-        smallest_file(lambda size, more: (size, 0.5), 0.001)
+    message = rf"a mean error of 0\.001, .* was not reached.*500 times .* at {size_search.LARGEST_SIZE} bytes"
+    with pytest.raises(EncodeError, match=message):
+        smallest_file(lambda size, more: (size, 500.0), "a mean error of 0.001")
+
+
+def test_the_worse_of_two_errors_decides():
+    asked = ErrorLimits(parse_length("1%", None, "target error"), parse_length(0.5, None, "target max"))
+    assert asked.excess(Distances(0.02, 0.1, 0.4), 2.0) == pytest.approx(1)
+    assert asked.excess(Distances(0.01, 0.1, 1.0), 2.0) == pytest.approx(2)
+    assert asked.text(2.0) == "a mean error of 0.02 and a maximum error of 0.5"
+    assert ErrorLimits(None, asked.maximum).excess(Distances(9.0, 9.0, 0.25), 2.0) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("representation", ["dhf", "surface"])
+def test_an_encode_to_a_maximum_error(creature, tiny, monkeypatch, representation):
+    monkeypatch.setattr(size_search, "FIRST_SIZE", 1500)
+    options = {"preset": "fast", "representation": representation}
+    most = "40%" if representation == "dhf" else "5%"
+    model, report = encode_quietly(creature, target_max=most, **options)
+    assert report.distances.maximum <= float(most[:-1]) / 100 * report.diagonal
+    assert model.info["bytes"] < 1500
+    monkeypatch.setattr(size_search, "LARGEST_SIZE", 1500)
+    with pytest.raises(EncodeError, match=r"a mean error of .* and a maximum error of .* not reached"):
+        encode_quietly(creature, target_error="50%", target_max="0.0001%", **options)
 
 
 def test_an_encode_to_an_error(creature, tiny, monkeypatch):
@@ -73,3 +97,25 @@ def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
     monkeypatch.setattr(deadline, "time", SimpleNamespace(monotonic=partial(next, count(0, 0.01))))
     _, report = encode_quietly(creature, preset="fast", representation="dhf", width=8, time_limit=12, threads=1)
     assert report.normalised.mean < 0.1
+
+
+def test_a_poor_fit_within_a_time_limit_is_an_error(creature, tiny, monkeypatch):
+    from cndhf_codec.encoder import report
+
+    monkeypatch.setattr(report, "POOR_ERROR", 0.0)
+    with pytest.raises(EncodeError, match="within the time limit of 1000 s only a poor fit was reached"):
+        encode_quietly(creature, preset="fast", width=8, time_limit=1000)
+    encode_quietly(creature, preset="fast", width=8)
+
+
+def test_rounding_gets_the_time_that_it_takes(creature, monkeypatch):
+    from types import SimpleNamespace as Some
+
+    from cndhf_codec.encoder.dhf import encode
+
+    job = Some(settings=settings.PRESETS["default"], threads=Some(threads=2))
+    assert encode._fit_share(job, Some(widths=[30]), deadline.Deadline()) == encode.FIT_SHARE
+    # A clock on which every product takes a second.
+    monkeypatch.setattr(encode, "time", Some(perf_counter=partial(next, count(0, 1))))
+    share = [encode._fit_share(job, Some(widths=[w]), deadline.Deadline(1000)) for w in (5, 12, 30)]
+    assert share[0] == encode.FIT_SHARE >= share[1] > share[2] == encode.LEAST_FIT_SHARE

@@ -258,3 +258,16 @@ def test_streams(tmp_path, box):
         read_mesh(file)
     with pytest.raises(MeshError, match=r"the stream: its content is of no format that is read: obj, ply"):
         read_mesh(io.BytesIO(b"Dear reader,"))
+
+
+def test_what_else_a_file_holds_is_named(tmp_path):
+    ball = trimesh.creation.icosphere(1)
+    ball.visual.vertex_colors = np.full((len(ball.vertices), 4), 255, dtype=np.uint8)
+    for extension in ("ply", "glb", "obj"):
+        ball.export(tmp_path / f"a.{extension}")
+        assert "colours" in read_mesh(tmp_path / f"a.{extension}").lost, extension
+    ball.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(ball.vertices), 2)))
+    ball.export(tmp_path / "b.glb")
+    assert {"texture coordinates", "materials"} <= set(read_mesh(tmp_path / "b.glb").lost)
+    trimesh.creation.box().export(tmp_path / "c.stl")
+    assert read_mesh(tmp_path / "c.stl").lost == ()

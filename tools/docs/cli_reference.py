@@ -20,8 +20,8 @@ INTRODUCTION = """\
 
 The options of the four commands, written by `tools/docs/cli_reference.py` from the commands' own help. Do not edit.
 
-Every command has `--help` and `--version`. INPUT and OUTPUT are files; `-` is the standard input or output where a
-command says so. Sizes are bytes, such as 4096, 4KB or 4KiB. Lengths are a share of the diagonal of the bounding box
+Every command has `--help` (`-h`) and `--version`. INPUT and OUTPUT are files; `-` is the standard input or output where
+a command says so. Sizes are bytes, such as 4096, 4KB or 4KiB. Lengths are a share of the diagonal of the bounding box
 (`0.2%`), a number in input units, or, with `--unit`, a length such as `0.5mm`.
 
 **Exit codes**: 0 done, 1 failed or refused by `--check` (one line says why), 2 wrong arguments, 130 interrupted.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import F32, I64, Mask
-from ...errors import OptionError, SurfaceError, require
+from ...errors import SurfaceError, require
 from ..limits import Limits
 from ..results import TriangleMesh
 from .field import Dhf
@@ -26,35 +26,26 @@ TRIANGULATION_SHARE = 1 / 3
 # Levels of bisection: a grid of 2^levels cells per side is sampled. The fine one is for triangulation errors up to
 # FINE_ERROR (normalised units).
 LEVELS, FINE_LEVELS, FINE_ERROR = 9, 10, 5e-5
-# To come to a number of triangles, the triangulation starts with this many bisected edges per triangle of the result,
-# and with half as many in each later try; the intersection is simplified by up to MAX_SIMPLIFICATION times the
-# triangulation's error before the next try.
-FIRST_EDGES_PER_FACE, LAST_EDGES_PER_FACE = 2.5, 0.02
-MAX_SIMPLIFICATION = 8.0
 SILHOUETTE_STEPS = 16  # of bisection, along an edge that the silhouette crosses
 MIN_VOLUME = 1e-12  # a solid of less volume (normalised units) is taken as a failure
 
 
-def intersection(dhfs: Sequence[Dhf], error: float | None, faces: int | None, limits: Limits) -> TriangleMesh:
+def intersection(dhfs: Sequence[Dhf], error: float, limits: Limits) -> TriangleMesh:
     """The solid's surface, closed and facing outward, in the normalised frame.
 
     error: the greatest distance from the exact surface, normalised units. Features may be missed that are smaller than
-    a cell, with 512 or 1024 cells per side of a DHF's domain. faces: the greatest number of triangles, used when error
-    is None. limits: of vertices, for each DHF and for the intersection before it is simplified.
+    a cell, with 512 or 1024 cells per side of a DHF's domain. limits: of vertices, for each DHF and for the
+    intersection before it is simplified.
     Raises SurfaceError when manifold3d reports a failure, a solid is empty or has too many vertices, or simplification
-    changes its volume; OptionError for too few faces.
+    changes its volume.
     """
     manifold3d = require("manifold3d", "mesh")
-    if error is not None:
-        limit = error * TRIANGULATION_SHARE
-        levels = LEVELS if limit > FINE_ERROR else FINE_LEVELS
-        whole = _intersected(manifold3d, [DhfTriangulation(dhf, levels) for dhf in dhfs], limit, limits)
-        out = whole.simplify(error * (1 - TRIANGULATION_SHARE))
-        if abs(out.volume() - whole.volume()) > error * whole.surface_area():
-            raise SurfaceError("simplification changes its volume")
-    else:
-        assert faces is not None
-        out = _with_faces(manifold3d, [DhfTriangulation(dhf, LEVELS) for dhf in dhfs], faces, limits)
+    limit = error * TRIANGULATION_SHARE
+    levels = LEVELS if limit > FINE_ERROR else FINE_LEVELS
+    whole = _intersected(manifold3d, [DhfTriangulation(dhf, levels) for dhf in dhfs], limit, limits)
+    out = whole.simplify(error * (1 - TRIANGULATION_SHARE))
+    if abs(out.volume() - whole.volume()) > error * whole.surface_area():
+        raise SurfaceError("simplification changes its volume")
     _check(manifold3d, out, "the simplified intersection")
     mesh = out.to_mesh64()
     return TriangleMesh(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
@@ -77,25 +68,6 @@ def _intersected(manifold3d: Any, triangulations: Sequence[DhfTriangulation], li
     _check(manifold3d, whole, "the intersection")
     limits.count("vertices", whole.num_vert())
     return whole
-
-
-def _with_faces(manifold3d: Any, triangulations: Sequence[DhfTriangulation], faces: int, limits: Limits) -> Any:
-    """The intersection, simplified just enough to have at most `faces` triangles. Raises OptionError."""
-    errors = np.sort(np.concatenate([t.errors.ravel() for t in triangulations]))[::-1]
-    edges_per_face = FIRST_EDGES_PER_FACE
-    while edges_per_face > LAST_EDGES_PER_FACE:
-        limit = max(float(errors[min(int(edges_per_face * faces), len(errors) - 1)]), 1e-6)
-        whole = _intersected(manifold3d, triangulations, limit, limits)
-        tolerance = limit / 4
-        while tolerance < MAX_SIMPLIFICATION * limit:
-            out = whole.simplify(tolerance)
-            if out.num_tri() <= faces:
-                if out.volume() > whole.volume() / 2:
-                    return out
-                break
-            tolerance *= 1.1 if out.num_tri() < 1.5 * faces else 1.4
-        edges_per_face /= 2
-    raise OptionError(f"faces is {faces}: too few for this shape")
 
 
 def volume(mesh: TriangleMesh) -> float:

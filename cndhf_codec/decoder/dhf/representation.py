@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import math
 import threading
-import warnings
 from typing import Any, Final
 
 import numpy as np
 
-from ...arguments import length, real_number
 from ...arrays import F32, F64, Mask
-from ...errors import CndhfWarning, OptionError, SurfaceError
 from ...format import Container
 from ..limits import Limits
 from ..queries import TriangleQueries
 from ..representation import Detail
 from ..results import NearestPoints, OccupancyGrid, RayHits, ShadedMesh, TriangleMesh
 from .field import implicit, implicit_gradient
+from .meshes import Meshes
 from .solid import DhfSolid
 
-# Evidence for these constants: ADR 031; DEFAULT_RESOLUTION: 028; DEFAULT_MAX_ERROR: 030.
+# Evidence for these constants: ADR 031.
 # Points are clamped to this distance (normalised units; a DHF's box ends at 2), because float32 would overflow on
 # greater ones. They stay outside.
 MAX_COORDINATE = np.float32(2**20)
 POINTS_WORTH_CELLS = 2**18  # points asked for, over all calls, from which on cells save more time than they take
-DEFAULT_RESOLUTION = 256
-DEFAULT_MAX_ERROR = "0.02%"  # of an intersection: far less than what the smallest files lose
 
 
 class DhfRepresentation:
@@ -39,7 +34,7 @@ class DhfRepresentation:
         self.solid = DhfSolid(container.dhfs)
         self.points_asked = 0
         self._container = container
-        self._scale = container.scale
+        self._meshes = Meshes(container, self.solid)
         self._queries: TriangleQueries | None = None
         self._lock = threading.Lock()
 
@@ -108,28 +103,11 @@ class DhfRepresentation:
         return RayHits(t, point, normal)
 
     def mesh(self, detail: Detail, limits: Limits) -> TriangleMesh:
-        if detail.level is not None:
-            raise OptionError("level belongs to surfaces; this file holds double height fields: give a resolution")
-        chosen = detail.method is not None or detail.resolution is not None
-        asked = DEFAULT_RESOLUTION if detail.resolution is None else detail.resolution
-        resolution = limits.check(self._container, asked)
-        if detail.method not in (None, "marching-cubes", "intersection"):
-            raise OptionError(f"method is {detail.method!r}; there are 'marching-cubes' and 'intersection'")
-        if detail.method != "intersection" and (detail.max_error is not None or detail.faces is not None):
-            raise OptionError("max_error and faces belong to method 'intersection'")
-        if detail.method == "intersection":
-            return self._intersection(detail.max_error, detail.faces, resolution, limits)
-        if not chosen:
-            return self.whole(resolution, limits)
-        self._warn_of_thin_walls(resolution)
-        return self.solid.isosurface(resolution, limits)
+        return self._meshes.mesh(detail, limits)
 
     def whole(self, resolution: int, limits: Limits) -> TriangleMesh:
-        """The surface by marching cubes or, where walls are thinner than a cell of the default resolution, whole by
-        intersection. Raises SurfaceError."""
-        if self.solid.thinner_than_a_cell(DEFAULT_RESOLUTION):
-            return self._intersection(None, None, DEFAULT_RESOLUTION, limits)
-        return self.solid.isosurface(resolution, limits)
+        """See `Meshes.whole`."""
+        return self._meshes.whole(resolution, limits)
 
     def shaded_mesh(self, detail: Detail, limits: Limits) -> ShadedMesh:
         vertices, faces = self.mesh(detail, limits)
@@ -145,45 +123,8 @@ class DhfRepresentation:
 
     def occupancy(self, resolution: int, limits: Limits) -> OccupancyGrid:
         resolution = limits.check(self._container, resolution)
-        self._warn_of_thin_walls(resolution)
+        self._meshes.warn_of_thin_walls(resolution)
         return self.solid.occupancy(resolution, limits)
-
-    def _intersection(
-        self, max_error: float | str | None, faces: int | None, resolution: int, limits: Limits
-    ) -> TriangleMesh:
-        """The surface by intersection, or with a warning by marching cubes, should that fail."""
-        if max_error is not None and faces is not None:
-            raise OptionError("give max_error or faces, not both")
-        if faces is not None and not real_number(faces, "faces") >= 4:
-            raise OptionError(f"faces is {faces}; a solid has at least 4")
-        rough = self.solid.rough_surface(limits)
-        error = None
-        if faces is None:
-            error = length(DEFAULT_MAX_ERROR if max_error is None else max_error, rough.diagonal, self._scale)
-            thin = self.solid.thinner_than_a_cell(DEFAULT_RESOLUTION)
-            if thin is not None and max_error is None:
-                error = min(error, thin.typical / 20)
-        try:
-            return self.solid.intersection(error, None if faces is None else int(faces), rough, limits)
-        except SurfaceError as exc:
-            _warn(f"no intersection ({exc}); the surface is that of marching cubes")
-            self._warn_of_thin_walls(resolution)
-            return self.solid.isosurface(resolution, limits)
-
-    def _warn_of_thin_walls(self, resolution: int) -> None:
-        # Against the default resolution at least: that a coarser grid loses thin walls needs no warning.
-        thin = self.solid.thinner_than_a_cell(max(resolution, DEFAULT_RESOLUTION))
-        if thin is not None:
-            _warn(
-                f"parts of the solid, {thin.least * self._scale:.3g} thick, are thinner than a cell of "
-                f"resolution {resolution} and may come out torn or not at all: leave resolution and method to the "
-                f"default, take the method intersection, or a resolution of {math.ceil(thin.resolution)} and more"
-            )
-
-
-def _warn(text: str) -> None:
-    # Here, `_warn`'s caller, `mesh` or `occupancy`, `Model`: then the line that called `Model`.
-    warnings.warn(text, CndhfWarning, stacklevel=5)
 
 
 def _clamped(points: F64) -> F32:

@@ -80,35 +80,35 @@ class DhfSolid:
             sides = grid.spacing * (np.array(grid.shape) - 3)
         return RoughSurface(mesh, float(np.linalg.norm(sides)))
 
-    def intersection(self, error: float | None, faces: int | None, rough: RoughSurface, limits: Limits) -> TriangleMesh:
+    def intersection(self, error: float, rough: RoughSurface, limits: Limits) -> TriangleMesh:
         """The surface by intersection of the double height fields, each triangulated.
 
-        error: greatest distance from the exact surface, normalised units. faces: the most triangles, used when error is
-        None. Raises SurfaceError when it fails, or when its volume differs too much from that of the rough surface;
-        OptionError for too few faces.
+        error: greatest distance from the exact surface, normalised units. Raises SurfaceError when it fails, or when
+        its volume differs too much from that of the rough surface.
         """
         from . import intersection
 
-        found = intersection.intersection(self.dhfs, error, faces, limits)
+        found = intersection.intersection(self.dhfs, error, limits)
         if rough.mesh is not None:
-            # On average, the rough surface is off by half a cell at most, and the intersection by its error, which is
-            # not known when a number of triangles was asked for.
+            # On average, the rough surface is off by half a cell at most, and the intersection by its error.
             volume = intersection.volume(rough.mesh)
-            allowed = volume / 2
-            if error is not None:
-                allowed = intersection.area(rough.mesh) * (rough.diagonal / CHECK_RESOLUTION / 2 + error)
+            allowed = intersection.area(rough.mesh) * (rough.diagonal / CHECK_RESOLUTION / 2 + error)
             if abs(intersection.volume(found) - volume) > allowed:
                 raise SurfaceError("its volume is not that of the solid")
         return found
 
-    def thinner_than_a_cell(self, resolution: int) -> Thickness | None:
-        """The solid's thickness, where a cell of this resolution is thicker; else None."""
+    def thickness(self) -> Thickness | None:
+        """How thick the solid is; None where that is not known."""
         from .thickness import thickness
 
         with self._lock:
             if self._thickness is None:
                 self._thickness = (thickness(self.dhfs),)
-            found = self._thickness[0]
+            return self._thickness[0]
+
+    def thinner_than_a_cell(self, resolution: int) -> Thickness | None:
+        """The solid's thickness, where a cell of this resolution is thicker; else None."""
+        found = self.thickness()
         return found if found is not None and found.resolution > resolution else None
 
     def _tabulated(self, resolution: int) -> GridTables:

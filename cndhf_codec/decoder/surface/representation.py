@@ -16,6 +16,7 @@ from ...arrays import F32, F64, I64, Mask
 from ...errors import OptionError, SheetError, SurfaceError
 from ...format import ControlMesh
 from ..limits import MIN_RESOLUTION, Limits
+from ..pieces import piece_labels
 from ..queries import TriangleQueries
 from ..representation import Detail
 from ..results import NearestPoints, OccupancyGrid, RayHits, ShadedMesh, TriangleMesh
@@ -67,7 +68,7 @@ class SurfaceRepresentation:
             "vertices": len(self._control.positions),
             "faces": len(self._control.faces),
             "sharp_edges": len(self._control.sharp),
-            "components": _components(self._control.faces, len(self._control.positions)),
+            "components": int(piece_labels(self.topology.faces, len(self._control.positions)).max(initial=-1)) + 1,
             "closed": self.closed,
             "bits_per_vertex": 8 * size / max(len(self._control.positions), 1),
         }
@@ -162,9 +163,9 @@ class SurfaceRepresentation:
 
     def _level(self, detail: Detail, limits: Limits) -> Level:
         """The level of subdivision that was asked for. Raises OptionError or SurfaceError."""
-        if detail.resolution is not None or detail.method is not None:
+        if detail.resolution is not None or detail.method is not None or detail.specks:
             raise OptionError(
-                "resolution and method belong to double height fields; this file holds a surface: give level, "
+                "resolution, method and specks belong to double height fields; this file holds a surface: give level, "
                 "max_error or faces"
             )
         given = [x for x in (detail.level, detail.max_error, detail.faces) if x is not None]
@@ -255,17 +256,3 @@ def _shaded(level: Level) -> ShadedMesh:
     sectors = sectors_of(level.topology)
     normals = limit_normals(level.topology, level.vertices, level.limit, sectors)
     return ShadedMesh(level.limit[sectors.vertices], sectors.corners, normals)
-
-
-def _components(faces: Any, n_vertices: int) -> int:
-    """How many parts of a mesh hang together: each vertex takes the least number around it, and what that one has."""
-    label = np.arange(n_vertices)
-    while True:
-        least = label.copy()
-        around = label[faces].min(axis=1)
-        for k in range(3):
-            np.minimum.at(least, faces[:, k], around)
-        least = least[least]
-        if np.array_equal(least, label):
-            return len(np.unique(label))
-        label = least

@@ -9,6 +9,9 @@ from dataclasses import dataclass, replace
 REFERENCE_SIZE = 8192  # bytes at which the presets' joint steps hold
 MOST_STEPS_FACTOR = 3.0  # smaller sizes get more steps, at most so many times as many
 MOST_STEPS_SIZE = 16384  # bytes up to which larger sizes get more steps; beyond, a step takes too long
+# Seconds of a time limit below which there are no trials of axes, each of which takes some seconds before its first
+# step; and below which all that does not get shorter with the fit is made smaller.
+ROOM_FOR_TRIALS, ROOM_FOR_ALL = 150.0, 75.0
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,9 @@ class DhfSettings:
     round_steps: int = 3500  # joint steps between rounds, at REFERENCE_SIZE
     round_rate: float = 5e-4
 
+    samples_per_weight: float = 4.0  # of the surface, for the Gauss-Newton matrices
+    one_attempt: bool = False  # at rounding, unless the file is too large
+
     # Resolution at which the written file is measured; None: as it is decoded by default.
     verify_resolution: int | None = None
 
@@ -58,6 +64,24 @@ class DhfSettings:
         else:
             factor = min(ratio, (MOST_STEPS_SIZE / REFERENCE_SIZE) ** 2 / ratio)
         return replace(self, joint_steps=round(self.joint_steps * factor), round_steps=round(self.round_steps * factor))
+
+    def within(self, seconds: float) -> DhfSettings:
+        """Leave out or make smaller what takes its time however short the fit is, where a time limit has no room."""
+        if seconds >= ROOM_FOR_TRIALS:
+            return self
+        short = replace(self, trial_steps=0)
+        if seconds >= ROOM_FOR_ALL:
+            return short
+        return replace(
+            short,
+            steps=min(self.steps, 150),
+            target_resolution=min(self.target_resolution, 256),
+            samples=min(self.samples, 100_000),
+            clear_cells=min(self.clear_cells, 32),
+            rounds=min(self.rounds, 2),
+            samples_per_weight=1.5,
+            one_attempt=True,
+        )
 
 
 DEFAULT = DhfSettings()

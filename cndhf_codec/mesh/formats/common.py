@@ -27,12 +27,14 @@ class Triangles:
     """Triangles that a reader has found.
 
     vertices: (N, 3) float64. faces: (M, 3) int64, not yet checked against N. notes: a line for the user about each
-    thing in the file that was not read as it stands.
+    thing in the file that was not read as it stands. lost: what else the file holds of the surface's looks or motion,
+    by name.
     """
 
     vertices: F64
     faces: I64
     notes: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
 
 
 def joined(parts: Sequence[Triangles]) -> Triangles:

@@ -123,7 +123,21 @@ class _Scene:
             what = "nothing but points and lines" if self._other else "no mesh in its scene"
             raise UnreadableError(f"holds no triangles: {what}")
         both = joined(out)
-        return Triangles(both.vertices, both.faces, list(dict.fromkeys(self.notes)))
+        return Triangles(both.vertices, both.faces, list(dict.fromkeys(self.notes)), self._lost())
+
+    def _lost(self) -> list[str]:
+        """What the file holds beside the shape, by name."""
+        primitives = [p for mesh in objects(self.root, "meshes", "the file") for p in mesh.get("primitives", [])]
+        attributes = {name for p in primitives for name in p.get("attributes", {})}
+        found = {
+            "colours": any(name.startswith("COLOR_") for name in attributes),
+            "texture coordinates": any(name.startswith("TEXCOORD_") for name in attributes),
+            "textures": bool(self.root.get("textures")),
+            "materials": bool(self.root.get("materials")),
+            "skins": bool(self.root.get("skins")),
+            "animations": bool(self.root.get("animations")),
+        }
+        return [name for name, there in found.items() if there]
 
     # Nodes (3.5).
 

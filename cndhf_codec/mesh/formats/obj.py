@@ -64,7 +64,10 @@ def read_obj(data: bytes) -> Triangles:
     notes += left_out(sum(ignored.values()), "points and lines, which bound no surface,")
     for word, at in list(unknown.items())[:3]:
         notes.append(f"line {at}: {shown(word)} is no OBJ statement known here; it was not read")
-    return Triangles(vertices, faces, notes)
+    lost = [name for mark, name in ((b"\nvt", "texture coordinates"), (b"\nusemtl", "materials")) if mark in data]
+    if vertex_at and len(lines[vertex_at[0]].partition("#")[0].split()) >= 7:
+        lost.append("colours")
+    return Triangles(vertices, faces, notes, lost)
 
 
 def _join_continued(lines: list[str]) -> None:

@@ -34,6 +34,10 @@ TYPES = {
     "float32": "f4",
     "float64": "f8",
 }
+LOST = {  # properties that are named as lost
+    "colours": {"red", "diffuse_red", "r"},
+    "texture coordinates": {"s", "u", "texture_u", "texcoord", "texnumber"},
+}
 CORNERS = ("vertex_indices", "vertex_index")
 
 
@@ -109,10 +113,12 @@ def read_ply(data: bytes) -> Triangles:
             out.append(Triangles(vertices, *triangulate(vertices, values, sizes)))
         else:
             out.append(Triangles(vertices, _strips(values, sizes)))
+    have = {p.name.lower() for element in elements for p in element.properties}
+    lost = [name for name, marks in LOST.items() if have & marks]
     if len(out) == 1:
-        return Triangles(vertices, out[0].faces, notes + out[0].notes)
+        return Triangles(vertices, out[0].faces, notes + out[0].notes, lost)
     both = joined(out)
-    return Triangles(both.vertices, both.faces, notes + both.notes)
+    return Triangles(both.vertices, both.faces, notes + both.notes, lost)
 
 
 def _indices(lists: Ragged, name: str) -> tuple[I64, I64]:

@@ -19,7 +19,7 @@ from cndhf_codec.encoder.dhf.rounding.feedback import (
     relative_steps,
     step_codes,
 )
-from cndhf_codec.encoder.dhf.rounding.gauss_newton import gauss_newton_blocks
+from cndhf_codec.encoder.dhf.rounding.gauss_newton import Draw, gauss_newton_blocks
 from cndhf_codec.encoder.thread_pool import ThreadPool
 from cndhf_codec.format.constants import MAX_SYMBOL, STEPS_PER_OCTAVE
 
@@ -29,9 +29,9 @@ pytestmark = pytest.mark.encode
 def test_the_matrix_does_not_depend_on_threads(joint_loss):
     with ThreadPool(1) as one, ThreadPool(3) as three:
         whole = np.ones(networks(11).theta.shape, dtype=bool)
-        a, b = (gauss_newton_blocks(networks(11), joint_loss, 0, pool, whole) for pool in (one, three))
+        a, b = (gauss_newton_blocks(networks(11), joint_loss, Draw(0, 4.0), pool, whole) for pool in (one, three))
     free = np.arange(a[0].shape[0]) % 3 == 0
-    part = gauss_newton_blocks(networks(11), joint_loss, 0, ThreadPool(1), np.stack([free, ~free]))
+    part = gauss_newton_blocks(networks(11), joint_loss, Draw(0, 4.0), ThreadPool(1), np.stack([free, ~free]))
     for x, y, z, mask in zip(a, b, part, (free, ~free), strict=True):
         assert np.array_equal(x, y)
         assert np.array_equal(x, x.T)
@@ -75,7 +75,7 @@ def test_rounded_networks_are_multiples_of_their_steps(joint_loss, monkeypatch, 
     assert len(rounding._parts(nets)) == parts
     assert (rounding._parts(nets).sum(axis=0) == used(nets)).all()
     with ThreadPool(2) as pool:
-        matrices = gauss_newton_matrices(nets, joint_loss, 0, pool)
+        matrices = gauss_newton_matrices(nets, joint_loss, Draw(0, 4.0), pool)
         logs = rounding.relative_steps(nets, matrices)
         codes = rounding.step_codes(nets, logs, 5.0)
         rounding.round_networks(nets, joint_loss, Rounding(SMALL, codes, matrices, 0), pool, quiet, Deadline())

@@ -35,8 +35,8 @@ class Attempts:
         self.aims.append(size)
         return 6.0
 
-    def run(self, solid, frames) -> int:
-        job = job_of(solid, replace(SMALL, target_size=SIZE))
+    def run(self, solid, frames, **options) -> int:
+        job = job_of(solid, replace(SMALL, target_size=SIZE, **options))
         return to_size.round_to_size(job, plan_of(job, frames, [0.5, 0.5]), networks(), self.loss, Deadline())
 
 
@@ -63,3 +63,10 @@ def test_artifacts_are_a_reason_for_another_attempt_and_the_fewest_win(solid, fr
 def test_a_size_that_is_never_met_is_an_error(solid, frames, monkeypatch):
     with pytest.raises(EncodeError, match=f"no file of {SIZE} bytes"):
         Attempts(monkeypatch, [1.2 * ROOM] * 3, [10] * 4).run(solid, frames)
+
+
+def test_one_attempt_unless_it_is_too_large(solid, frames, monkeypatch):
+    attempts = Attempts(monkeypatch, [0.5 * ROOM], [])
+    assert attempts.run(solid, frames, one_attempt=True) == 1
+    attempts = Attempts(monkeypatch, [1.1 * ROOM, 0.9 * ROOM], [])
+    assert attempts.run(solid, frames, one_attempt=True) == 2

@@ -23,7 +23,7 @@ from ..fit.joint import Schedule, joint_fit
 from ..fit.loss import JointLoss
 from ..network.siren import Networks
 from ..settings import DhfSettings
-from .gauss_newton import gauss_newton_blocks
+from .gauss_newton import Draw, gauss_newton_blocks
 
 # Evidence for these constants: ADR 023; GROWTH, GAUSSIAN_BITS: 024; COARSEST_OCTAVES: 014.
 DAMPING = 0.01  # share of H's mean diagonal that is added to the diagonal
@@ -47,9 +47,9 @@ class Rounding:
     seed: int
 
 
-def gauss_newton_matrices(networks: Networks, loss: JointLoss, seed: int, threads: ThreadPool) -> list[list[F64]]:
+def gauss_newton_matrices(networks: Networks, loss: JointLoss, draw: Draw, threads: ThreadPool) -> list[list[F64]]:
     """Make the Gauss-Newton matrix of each network, for every group of weights that are rounded together."""
-    return [gauss_newton_blocks(networks, loss, seed, threads, part) for part in _parts(networks)]
+    return [gauss_newton_blocks(networks, loss, draw, threads, part) for part in _parts(networks)]
 
 
 def relative_steps(networks: Networks, matrices: list[list[F64]]) -> F64:
@@ -105,7 +105,8 @@ def round_networks(
         for p, part in enumerate(_parts(networks)):
             matrices = rounding.matrices[p]
             if r > 0:
-                matrices = gauss_newton_blocks(networks, loss, seed + r, threads, ~before & part)
+                draw = Draw(seed + r, settings.samples_per_weight)
+                matrices = gauss_newton_blocks(networks, loss, draw, threads, ~before & part)
             for k, H in enumerate(matrices):
                 free = np.flatnonzero(~before[k] & part[k])
                 if not len(free):

@@ -7,6 +7,8 @@ block per network.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 
@@ -21,15 +23,22 @@ HINGE_WIDTH = 0.003  # least |argument| with which a hinge counts
 KEPT_WEIGHT = 0.03  # of a hinge that is kept: without any weight there, rounding would make floaters
 JACOBIAN_ROWS = 2048  # computed at a time
 BLOCK_COLUMNS = 512  # of the matrix, to which one thread adds at a time
-SURFACE_SAMPLES, SPACE_SAMPLES = 4.0, 2.0  # drawn for the matrices, per weight of all networks
+SPACE_SHARE = 0.5  # samples of space drawn for the matrices, per sample of the surface
 
 
-def gauss_newton_blocks(networks: Networks, loss: JointLoss, seed: int, threads: ThreadPool, free: Mask) -> list[F64]:
+class Draw(NamedTuple):
+    """How samples are drawn. per_weight: samples of the surface per weight of all networks."""
+
+    seed: int
+    per_weight: float
+
+
+def gauss_newton_blocks(networks: Networks, loss: JointLoss, draw: Draw, threads: ThreadPool, free: Mask) -> list[F64]:
     """Make the matrix of every network from a fresh draw of samples. Its rows and columns are the weights that are
     `free`, a mask (K, P), in file order; without any, it is empty."""
-    weights = sum(networks.counts)
-    rng = np.random.default_rng(seed)
-    surface, space = loss.active.draw(round(SURFACE_SAMPLES * weights), round(SPACE_SAMPLES * weights), rng)
+    count = draw.per_weight * sum(networks.counts)
+    rng = np.random.default_rng(draw.seed)
+    surface, space = loss.active.draw(round(count), round(SPACE_SHARE * count), rng)
     with torch.no_grad():
         terms = loss.terms(networks, surface, space)
     n = len(surface)

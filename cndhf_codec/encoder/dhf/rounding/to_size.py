@@ -14,6 +14,7 @@ from ..network.siren import Networks
 from ..records import coded_size, records_of, symbols_of
 from ..widths import FILE_BYTES, RECORD_BYTES, SIZE_AIM
 from .feedback import Rounding, gauss_newton_matrices, relative_steps, round_networks, step_codes
+from .gauss_newton import Draw
 from .symmetries import fold_biases
 
 # Evidence for these constants: ADR 026.
@@ -33,8 +34,8 @@ def round_to_size(job: Job, plan: Plan, networks: Networks, loss: JointLoss, dea
     networks = fold_biases(networks)
     best: list[DhfRecord] | None = None
     fewest: float = math.inf
-    allowed = MOST_ARTIFACTS * loss.artifacts(networks)
-    matrices = gauss_newton_matrices(networks, loss, job.seed, job.threads)
+    allowed = math.inf if settings.one_attempt else MOST_ARTIFACTS * loss.artifacts(networks)
+    matrices = gauss_newton_matrices(networks, loss, Draw(job.seed, settings.samples_per_weight), job.threads)
     logs = relative_steps(networks, matrices)
     for attempt in range(ATTEMPTS):
         bits = settings.bits if room is None else _bits_for(networks, logs, aim)
@@ -45,9 +46,11 @@ def round_to_size(job: Job, plan: Plan, networks: Networks, loss: JointLoss, dea
         round_networks(rounded, loss, rounding, job.threads, report, time_left)
         records = records_of(rounded, rounding.codes, plan.frames)
         size = coded_size(records)
-        artifacts = loss.artifacts(rounded)
+        artifacts = 0.0 if settings.one_attempt else loss.artifacts(rounded)
         if (room is None or size <= room) and artifacts < fewest:
             fewest, best = artifacts, records
+        if settings.one_attempt and best is not None:
+            break
         # Artifacts that rounding has made usually go away with other samples; those that were there before stay.
         enough = room is None or LEAST_FILL * (room + fixed) <= size + fixed <= room + fixed
         if enough and (artifacts <= allowed or attempt > 0):
