@@ -23,7 +23,7 @@ def test_game_assets(tmp_path):
     meshes = tmp_path / "meshes"
     meshes.mkdir()
     trimesh.creation.box((1, 0.5, 0.25)).export(meshes / "box.ply")
-    trimesh.creation.icosphere(2).export(meshes / "ball.obj")
+    trimesh.creation.icosphere(4).export(meshes / "ball.obj")
     (meshes / "box.stl").write_text("")
     (meshes / "broken.stl").write_text("no mesh")
     (meshes / "notes.txt").write_text("left alone")
@@ -34,10 +34,10 @@ def test_game_assets(tmp_path):
     assert failures[1].startswith("broken.stl: ")
     assert sorted(os.listdir(kept)) == ["ball.cndhf", "box.cndhf"]
     assert sorted(os.listdir(built)) == [f"{name}.lod{k}.glb" for name in ("ball", "box") for k in (0, 1)]
-    fine, coarse = (trimesh.load_mesh(built / f"box.lod{k}.glb", process=False) for k in (0, 1))
+    fine, coarse = (trimesh.load_mesh(built / f"ball.lod{k}.glb", process=False) for k in (0, 1))
     assert len(coarse.faces) < 0.4 * len(fine.faces)
     for k, mesh in enumerate((fine, coarse)):
-        assert stored_normals(built / f"box.lod{k}.glb").shape == mesh.vertices.shape
+        assert stored_normals(built / f"ball.lod{k}.glb").shape == mesh.vertices.shape
 
     before = (kept / "box.cndhf").stat().st_mtime_ns
     game_assets.build(meshes, kept, built, preset="fast", lods=1)
