@@ -5,6 +5,9 @@ density of signed distances at zero is about 1 / (2 mean), whatever their size, 
 (`fit.linearised(even=True)`). Vertices are rounded one after the other. When one is, those around it that are still
 free move to where the form is least, given what is fixed. So an error across the surface is answered by the
 neighbours, and only what none of them can mend remains: at a given error the grid may be 2 to 4 times as coarse.
+
+When all are rounded, single coordinates still move by steps of the grid where that lowers the form, set up anew at the
+rounded surface (`polished`). It takes a third off what rounding costs.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from .target import Target
 
 # Evidence for these constants: ADR 036.
 MOST_FREE = 32  # vertices that make up for one; a vertex of six neighbours shares samples with 18 others
+POLISHINGS, SWEEPS = 2, 3  # how often the form is set up anew, and how often all coordinates are visited then
+FARTHEST = 2.0  # steps of the grid at once: the form holds nearby only
 DAMPING = 1e-3  # relative to the diagonal's mean: the form of a vertex that no sample sees is not definite
 
 
@@ -48,6 +53,38 @@ class Rounding:
     def _run(self, places: F64, step: float) -> float:
         m = self._matrix
         return float(_round(m.indptr, m.indices, m.data, self._damping, step, places))
+
+
+def polished(basis: Basis, target: Target, grid: I64, step: float) -> I64:
+    """(V, 3) grid coordinates, each moved by steps of the grid as long as the mean distance falls."""
+    grid = grid.copy()
+    for _ in range(POLISHINGS):
+        normal = linearised(basis, target, np.asarray(step * grid, dtype=np.float64), even=True)
+        m = normal.matrix
+        damping = DAMPING * m.diagonal().mean()
+        _move(m.indptr, m.indices, m.data, damping, step, -normal.side.reshape(-1, 3), grid)
+    return grid
+
+
+@nb.njit(cache=True)
+def _move(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, gradient: F64, grid: I64) -> None:
+    """Move grid coordinates (V, 3) one after the other to where the form is least, given the others. gradient: (V, 3)
+    of the form, kept up to date."""
+    for _ in range(SWEEPS):
+        for v in range(len(grid)):
+            own = indptr[v]
+            while indices[own] != v:
+                own += 1
+            for k in range(3):
+                wish = -gradient[v, k] / ((blocks[own, k, k] + damping) * step)
+                move = np.int64(np.rint(min(max(wish, -FARTHEST), FARTHEST)))
+                if move == 0:
+                    continue
+                grid[v, k] += move
+                gradient[v, k] += damping * move * step
+                for p in range(indptr[v], indptr[v + 1]):
+                    for x in range(3):
+                        gradient[indices[p], x] += blocks[p, k, x] * move * step
 
 
 @nb.njit(cache=True)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...arrays import I64
 from ...format import ControlMesh
 from ...format.surface.section import UNTURNED, encode_surface
 from ..deadline import Deadline
@@ -27,7 +28,7 @@ from ..progress import Stage
 from .creases import Fitted, fit_smooth, fit_with_creases
 from .cut import Manifold, cut
 from .fit import mean_errors
-from .rounding import Rounding
+from .rounding import Rounding, polished
 from .settings import SurfaceSettings
 from .simplify import Simplifier
 from .target import Target
@@ -40,6 +41,7 @@ START = 4.0  # the first simplification leaves so many times as many faces as th
 TRIES = 3  # with other numbers of vertices
 STEP_TRIES = 4  # with other steps, for one number of vertices
 LAST_STEP_TRIES = 12  # where it may be any: flat surfaces save less than a bit per coordinate and halving
+POLISHED = 2 / 3  # what polishing leaves of the error of rounding, and so of u
 MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
 FINE_FACES = 40_000  # the tessellation has about so many faces: as many as there are samples
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
@@ -122,30 +124,38 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
     the step may be coarser."""
     rounding = Rounding(one.basis, target, one.control)
     left = one.control.size / (math.log(2) * 8 * size)
-    stiffness = rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
+    stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
+
+    def at(step: float, grid: I64) -> Sized:
+        control = ControlMesh(
+            UNTURNED, step, grid.astype(np.int32), mesh.faces.astype(np.int32), one.sharp.astype(np.int32)
+        )
+        return Sized(control, encode_surface(control), math.nan)
+
     step, best = ideal, None
     for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
         step = float(np.float32(min(max(step, 2.0**-17), 0.1)))
-        control = ControlMesh(
-            UNTURNED,
-            step,
-            rounding.to(step).astype(np.int32),
-            mesh.faces.astype(np.int32),
-            one.sharp.astype(np.int32),
-        )
-        body = encode_surface(control)
-        fits = len(body) <= size
-        if best is None or (fits and (len(best.body) > size or len(body) > len(best.body))):
-            best = Sized(control, body, math.nan)
-        if CLOSE * size <= len(body) <= size:
+        made = at(step, rounding.to(step))
+        n_bytes = len(made.body)
+        if best is None or (n_bytes <= size and (len(best.body) > size or n_bytes > len(best.body))):
+            best = made
+        if CLOSE * size <= n_bytes <= size:
             break
         # A bit more of each coordinate halves the step.
-        bits = 8 * (0.995 * size - len(body))
+        bits = 8 * (0.995 * size - n_bytes)
         step = step * 2.0 ** (-bits / (3 * len(one.control)))
         if not ideal / MOST_COARSER <= step <= ideal * coarsest:
             step = min(max(step, ideal / MOST_COARSER), ideal * coarsest)
-            if abs(math.log(step / control.step)) < 1e-3:
+            if abs(math.log(step / made.mesh.step)) < 1e-3:
                 break
     assert best is not None
+    # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
+    for coarser in (1.0, 1.01):
+        step = float(np.float32(best.mesh.step * coarser))
+        grid = best.mesh.positions.astype(np.int64) if coarser == 1 else rounding.to(step)
+        made = at(step, polished(one.basis, target, grid, step))
+        if len(made.body) <= max(size, len(best.body)):
+            best = made
+            break
     return best._replace(error=float(mean_errors(one.basis, target, best.mesh.vertices).sum()))

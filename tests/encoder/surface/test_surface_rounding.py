@@ -9,7 +9,7 @@ from control_meshes import NO_EDGES, arrays, mean_distance, target_of
 
 from cndhf_codec.encoder.surface.basis import basis_of
 from cndhf_codec.encoder.surface.fit import fit
-from cndhf_codec.encoder.surface.rounding import Rounding
+from cndhf_codec.encoder.surface.rounding import Rounding, polished
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +70,26 @@ def test_it_repeats(fitted):
     rounding = Rounding(basis, target, control)
     rounding.to(0.05)
     assert rounding.to(0.01).tobytes() == grids[0]
+
+
+@pytest.mark.parametrize("step", [0.01, 0.03])
+def test_polishing_takes_a_part_of_the_error_of_rounding_away(fitted, step):
+    basis, finer, target, control = fitted
+    grid = Rounding(basis, target, control).to(step)
+    kept = grid.copy()
+    better = polished(basis, target, grid, step)
+    np.testing.assert_array_equal(grid, kept)
+    assert better.dtype == np.int64
+    np.testing.assert_array_equal(polished(basis, target, grid, step), better)
+
+    def error(points: np.ndarray) -> float:
+        return mean_distance(target, finer.surface(points), finer.fine)
+
+    assert error(step * better) - error(control) < 0.9 * (error(step * grid) - error(control))
+
+
+def test_polishing_leaves_alone_what_is_best(fitted):
+    basis, _, target, control = fitted
+    once = polished(basis, target, Rounding(basis, target, control).to(0.03), 0.03)
+    again = polished(basis, target, once, 0.03)
+    assert np.mean(once != polished(basis, target, again, 0.03)) < 0.2
