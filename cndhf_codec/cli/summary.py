@@ -81,5 +81,7 @@ def _other(other: Other, diagonal: float) -> str:
     name = {"dhf": "double height fields", "surface": "a surface"}[other.representation]
     if other.how == "impossible":
         return f"as {name}: not possible, for it bounds no solid"
+    if other.how == "untried":
+        return f"as {name}: not tried, which takes minutes at this size; --preset best does"
     of = {"at least": "at least", "trial": "by a short trial about", "encoded": f"in {other.bytes} bytes"}[other.how]
     return f"as {name}: mean error {of} {100 * other.mean_error / diagonal:.2g} % of the diagonal"

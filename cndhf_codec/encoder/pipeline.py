@@ -26,7 +26,7 @@ from ..format.writer import pack_metadata
 from ..mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface
 from ..mesh.distances import surface_distances
 from ..mesh.lengths import Length, parse_length
-from ..mesh.prepare import AsGiven, as_given, as_solid, solid_or_error
+from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
 from .deadline import Deadline
 from .dhf.axes.costs import AxisCosts
@@ -195,10 +195,15 @@ class _Made(NamedTuple):
 class _HeightFields:
     """Solids as double height fields."""
 
+    def __init__(self) -> None:
+        self._prepared: Prepared | None = None
+
     def prepared(self, given: AsGiven, wall: Length | None) -> AsGiven:
-        made = as_solid(given, wall)
-        solid_or_error(made)
-        return made
+        """Make a mesh a solid, once."""
+        if self._prepared is None:
+            self._prepared = as_solid(given, wall)
+        solid_or_error(self._prepared)
+        return self._prepared
 
     def encode(self, source: AsGiven, settings: Settings, metadata: Metadata, run: _Run, deadline: Deadline) -> _Made:
         if isinstance(settings, DhfSettings):
@@ -260,26 +265,30 @@ class _Run:
 
     def planned(self, plan: Plan, deadline: Deadline) -> Model:
         """Make what is planned, and the choice where both representations are."""
+        fields = _HeightFields()
         if plan.surface is None:
             assert plan.dhf is not None
-            return self._best(_HeightFields(), plan.dhf, deadline)
+            return self._best(fields, plan.dhf, deadline)
         try:
             surface = self._best(_Surfaces(), plan.surface, deadline)
-        except EncodeError:
+        except EncodeError as failure:
             # A few hundred bytes do not hold a surface of many parts; they may hold height fields.
             if plan.dhf is None:
                 raise
-            return self._best(_HeightFields(), plan.dhf, deadline)
+            try:
+                return self._best(fields, plan.dhf, deadline)
+            except MeshError:
+                raise failure from None
         # Height fields take minutes: a time limit leaves them out.
         if plan.dhf is None or deadline.passed() > 0:
             return surface
         assert isinstance(plan.dhf, DhfSettings)
-        doubt = self._doubted(plan.dhf, plan.trial, surface)
+        doubt = self._doubted(fields, plan.dhf, plan.trial, surface)
         if doubt is not None:
             surface.report.other = doubt
             return surface
         try:
-            dhf = self._best(_HeightFields(), plan.dhf, deadline)
+            dhf = self._best(fields, plan.dhf, deadline)
         except EncodeError:
             return surface
         measure = _bytes if self._limits.given else _mean_error
@@ -287,12 +296,13 @@ class _Run:
         kept.report.other = Other(left.representation, _mean_error(left), len(left.dumps()), "encoded")
         return kept
 
-    def _doubted(self, settings: DhfSettings, trial: DhfSettings | None, surface: Model) -> Other | None:
+    def _doubted(
+        self, fields: _HeightFields, settings: DhfSettings, trial: DhfSettings | None, surface: Model
+    ) -> Other | None:
         """Tell why height fields would not be better than a surface: the error that they have at least or that a short
         fit promises, or None where they may be."""
-        maker = _HeightFields()
         try:
-            source = maker.prepared(self._given, self._wall)
+            source = fields.prepared(self._given, self._wall)
         except MeshError:
             return Other("dhf", math.inf, 0, "impossible")
         error = _mean_error(surface)
@@ -309,9 +319,9 @@ class _Run:
             return None
         size = len(surface.dumps())
         if size > MOST_TRIED:
-            return Other("dhf", least, 0, "at least")
+            return Other("dhf", math.nan, 0, "untried")
         try:
-            made = self._attempt(maker, source, trial, Deadline())
+            made = self._attempt(fields, source, trial, Deadline())
         except EncodeError:
             return None
         promised = TRIAL_GAIN * _mean_error(made) * len(made.dumps()) / size

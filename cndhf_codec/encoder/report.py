@@ -19,9 +19,9 @@ MOST_HIDDEN = 0.02  # a larger share of the surface that no axis sees is worth a
 class Other:
     """The representation that was not kept.
 
-    representation: "dhf" or "surface". mean_error: in input units, infinite where there is none. bytes: of its file, 0
-    where there is none. how: "encoded" as the other; what a short "trial" promises; "at least", the error of exact
-    height fields; "impossible", for the mesh bounds no solid.
+    representation: "dhf" or "surface". mean_error: in input units. bytes: of its file, 0 where there is none. how:
+    "encoded" as the other; what a short "trial" promises; "at least", the error of exact height fields; "untried", for
+    the file is large (mean_error NaN); "impossible", for the mesh bounds no solid (infinite).
     """
 
     representation: str

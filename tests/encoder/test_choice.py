@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import pytest
 import trimesh
+from control_meshes import square
 from places import ROOT
 from quietly import encode_quietly
 
 from cndhf_codec.encoder import pipeline, settings
+from cndhf_codec.encoder.report import Other
 from cndhf_codec.encoder.surface import settings as surface_settings
 from cndhf_codec.encoder.surface import to_size
 from cndhf_codec.errors import EncodeError, MeshError, OptionError
@@ -84,7 +86,7 @@ def test_fast_makes_a_surface_alone(creature):
 
 
 def test_what_bounds_no_solid_is_a_sheet():
-    sheet = trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)], process=False)
+    sheet = square(1)
     model, report = encode_quietly(sheet, target_size=900)
     assert model.representation == "surface"
     assert report.other is not None
@@ -132,7 +134,7 @@ def test_large_files_are_surfaces(creature, monkeypatch):
     monkeypatch.setattr(pipeline, "MOST_TRIED", 800)
     _, report = encode_quietly(creature, target_size=900)
     assert report.other is not None
-    assert report.other.how == "at least"
+    assert report.other.how == "untried"
     assert "joint fit" not in report.seconds
 
 
@@ -163,3 +165,23 @@ def test_what_no_surface_can_hold_may_be_height_fields(creature, monkeypatch):
     assert encode_quietly(creature, target_size=900)[0].representation == "dhf"
     with pytest.raises(EncodeError, match="no surface"):
         encode_quietly(creature, preset="fast", target_size=900)
+    # A sheet can be neither: the reason is the surface's.
+    with pytest.raises(EncodeError, match="no surface"):
+        encode_quietly(square(2), target_size=900)
+
+
+def test_the_summary_names_the_other(tmp_path):
+    from cndhf_codec.cli.summary import summary
+
+    model, _ = encode_quietly(trimesh.creation.icosphere(2), preset="fast", target_size=900)
+    told = {
+        "encoded": "in 800 bytes 5 % of the diagonal",
+        "trial": "by a short trial about 5 % of the diagonal",
+        "at least": "at least 5 % of the diagonal",
+        "untried": "not tried, which takes minutes at this size; --preset best does",
+        "impossible": "not possible, for it bounds no solid",
+    }
+    for how, text in told.items():
+        model.report.other = Other("dhf", 0.05 * model.report.diagonal, 800, how)
+        lines = summary(tmp_path / "a.ply", tmp_path / "a.cndhf", model, False).splitlines()
+        assert [line for line in lines if line.startswith("as double height fields: ") and line.endswith(text)]
