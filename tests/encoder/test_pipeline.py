@@ -184,7 +184,7 @@ def test_place_and_size_do_not_matter(part):
     moved = vertices * 1024 + [2.0**20, 0, -(2.0**21)]
     a, b = (
         encode((vertices, part.faces), preset="fast", representation="dhf"),
-        encode((moved, part.faces), preset="fast"),
+        encode((moved, part.faces), preset="fast", representation="dhf"),
     )
     assert b.container.scale == 1024 * a.container.scale
     assert b.container.centre == tuple(np.array(a.container.centre) * 1024 + [2.0**20, 0, -(2.0**21)])
