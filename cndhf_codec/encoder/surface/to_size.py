@@ -27,7 +27,8 @@ from ..deadline import Deadline
 from ..progress import Stage
 from .creases import Fitted, fit_smooth, fit_with_creases
 from .cut import Manifold, cut
-from .fit import mean_errors
+from .edits import edited
+from .fit import fit, mean_errors
 from .rounding import Rounding, polished
 from .settings import SurfaceSettings
 from .simplify import Simplifier
@@ -61,9 +62,9 @@ def surface_of_size(
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     wanted = 2 * 8 * size / BITS_PER_VERTEX
     others = settings.other_counts
-    on_step = stage("fit", TRIES + len(others))
+    on_step = stage("fit", TRIES + len(others) + settings.edits)
     simplify = _Simplify(given, round(START * wanted))
-    best: Sized | None = None
+    best: tuple[Sized, Manifold, Fitted] | None = None
     for k in range(TRIES):
         mesh = simplify.to(round(wanted))
         final = k > 0
@@ -76,8 +77,8 @@ def surface_of_size(
         sized = _rounded(one, mesh, target, size, coarsest)
         on_step(k + 1, sized.error)
         whole = len(mesh.faces) >= len(given.faces)
-        if len(sized.body) <= size and final and (best is None or sized.error < best.error):
-            best = sized
+        if len(sized.body) <= size and final and (best is None or sized.error < best[0].error):
+            best = sized, mesh, one
         full = CLOSE * size <= len(sized.body) <= size
         if final and (full or (whole and len(sized.body) <= size) or deadline.passed() >= 1):
             break
@@ -85,7 +86,7 @@ def surface_of_size(
     if best is None:
         return sized
     # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
-    around = len(best.mesh.faces)
+    around = len(best[1].faces)
     for k, factor in enumerate(others):
         if deadline.passed() >= 1:
             break
@@ -93,9 +94,26 @@ def surface_of_size(
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, settings.rounds)
         sized = _rounded(one, mesh, target, size, MOST_COARSER)
         on_step(TRIES + k + 1, sized.error)
-        if len(sized.body) <= size and sized.error < best.error:
-            best = sized
-    return best
+        if len(sized.body) <= size and sized.error < best[0].error:
+            best = sized, mesh, one
+    sized, mesh, one = best
+    if settings.edits == 0:
+        return sized
+    before = TRIES + len(others)
+    mesh, one = edited(
+        one,
+        mesh,
+        target,
+        _levels(mesh),
+        8 * size,
+        settings.edits,
+        deadline,
+        lambda cycles, error: on_step(before + cycles, error),
+    )
+    control = fit(one.basis, target, one.control, settings.trial_rounds)
+    error = float(mean_errors(one.basis, target, control).sum())
+    again = _rounded(one._replace(control=control, error=error), mesh, target, size, MOST_COARSER)
+    return again if len(again.body) <= size and again.error < sized.error else sized
 
 
 class _Simplify:
