@@ -43,6 +43,24 @@ def ball(**where: object) -> Model:
     return Model(container(OCTAHEDRON, TIPS, **where))
 
 
+def capped_tube(n: int = 12) -> Model:
+    """A cylinder of radius 1/2 and height 1, but for what a crease of n edges is short of a circle."""
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = np.column_stack([np.cos(angle), np.sin(angle)]) / 2
+    vertices = [np.column_stack([ring, np.full(n, z)]) for z in (-0.5, 0.5)] + [np.array([(0, 0, -0.5), (0, 0, 0.5)])]
+    k, after = np.arange(n), (np.arange(n) + 1) % n
+    faces = np.concatenate(
+        [
+            np.column_stack([k, after, n + after]),
+            np.column_stack([k, n + after, n + k]),
+            np.column_stack([after, k, np.full(n, 2 * n)]),
+            np.column_stack([n + k, n + after, np.full(n, 2 * n + 1)]),
+        ]
+    )
+    rims = np.sort(np.concatenate([np.column_stack([k, after]), n + np.column_stack([k, after])]), axis=1)
+    return Model(container(faces, np.concatenate(vertices), rims))
+
+
 def shell() -> Model:
     """A cube with a cubic cavity from -1/4 to 1/4."""
     faces = manifolds.together(CUBE, CUBE[:, ::-1])

@@ -171,15 +171,8 @@ def _meshes(model: Model, detail: Detail, normals: bool, n: int | None) -> list[
     finest = model.to_mesh(normals=normals, **detail._asdict())
     if n is None:
         return [finest]
-    if model.representation == "dhf":
-        rest = detail._replace(max_error=None)
-        counts = [len(finest.faces) // 4**k for k in range(1, n)]
-        if n > 1 and counts[-1] < LEAST_FACES:
-            raise OptionError(f"--lod is {n}: the last level would have {counts[-1]} triangles; ask for fewer levels")
-        return [finest, *(model.to_mesh(normals=normals, **rest._replace(faces=c)._asdict()) for c in counts)]
-    level = 0
-    while model.info["faces"] * 4**level < len(finest.faces):
-        level += 1
-    if n > level + 1:
-        raise OptionError(f"--lod is {n}: the first mesh is of level {level}, so there are {level + 1}; raise --level")
-    return [finest, *(model.to_mesh(normals=normals, level=level - k) for k in range(1, n))]
+    rest = detail._replace(max_error=None, level=None)
+    counts = [len(finest.faces) // 4**k for k in range(1, n)]
+    if n > 1 and counts[-1] < LEAST_FACES:
+        raise OptionError(f"--lod is {n}: the last level would have {counts[-1]} triangles; ask for fewer levels")
+    return [finest, *(model.to_mesh(normals=normals, **rest._replace(faces=c)._asdict()) for c in counts)]

@@ -551,8 +551,8 @@ class Model:
             of the shape's bounding box. Of marching cubes: 99.9 % of the vertices on a grid with cells of three such
             errors (384 at most along the longest side) are within it; between them, creases may be off by more.
         faces : int, optional
-            The most triangles, in place of max_error. Of double height fields, by simplification; of a surface, the
-            finest level with no more.
+            The most triangles, 4 or more, in place of max_error: by simplification, but where a level of a surface has
+            just so many. The rim of a sheet is that of the level that is simplified.
         normals : bool
             Set the mesh's vertex normals: from the analytic gradient, or of the limit surface. Vertices on the sharp
             edges of a surface then come once per side, so that its mesh has seams.
@@ -574,8 +574,8 @@ class Model:
             When an option has a wrong type or value, options do not go together, one does not belong to what the file
             holds, or `faces` are too few for the shape's parts and handles.
         SurfaceError
-            When the solid is empty or too thin for the resolution, a surface has no level as coarse or as fine as that,
-            or it asks for more than `limits` allow.
+            When the solid is empty or too thin for the resolution, a surface has no level as fine as that, or it asks
+            for more than `limits` allow.
         MissingExtraError
             When trimesh or manifold3d is not installed; only intersections need the latter.
 

@@ -1,9 +1,9 @@
-"""Simplify a closed mesh by edge collapses, many at a time, measured by quadrics.
+"""Simplify a mesh by edge collapses, many at a time, measured by quadrics.
 
 Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics" (1997): a vertex carries the sum of squared
 distances from the planes of the faces that it stands for, weighted by their areas, and a collapse puts the new vertex
 where the sum for both is least. In each round all edges collapse that are the cheapest around them, so that numpy does
-a round at once. No two of them share a face, so the mesh stays closed.
+a round at once. No two of them share a face, so a closed mesh stays closed; the rim of an open one stays as it is.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ PASSES = 2  # choices of edges in a round; the second among those that the first
 
 
 def simplified(mesh: TriangleMesh, tolerance: float = np.inf, faces: int = LEAST_FACES) -> TriangleMesh:
-    """Simplify a closed mesh as far as a tolerance or a number of triangles allows, whichever comes first.
+    """Simplify a mesh as far as a tolerance or a number of triangles allows, whichever comes first.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Closed: at every edge each face has one neighbour, or several; edges of several stay as they are.
+        Edges that have not just two faces, or two that disagree in orientation, stay as they are.
     tolerance : float
         The root mean square distance of a vertex from the planes of the triangles that it stands for, at most; in the
         mesh's units.
@@ -37,7 +37,7 @@ def simplified(mesh: TriangleMesh, tolerance: float = np.inf, faces: int = LEAST
     Returns
     -------
     TriangleMesh
-        Closed, with the topology of the mesh; topology may ask for more triangles than `faces`.
+        With the topology of the mesh, which may ask for more triangles than `faces`.
 
     Examples
     --------
@@ -189,12 +189,16 @@ class _Work:
 
 
 def _irregular(faces: I64, n_vertices: int) -> Mask:
-    """(N,) whether a vertex lies on an edge that several pairs of faces share: such are kept."""
-    key = np.sort(faces.ravel() * n_vertices + faces[:, [1, 2, 0]].ravel())
-    twice = key[1:][key[1:] == key[:-1]]
+    """(N,) whether a vertex lies on an edge of the boundary, of several pairs of faces, or of two that disagree in
+    orientation: such are kept."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    key, of, count = np.unique(
+        np.minimum(start, end) * n_vertices + np.maximum(start, end), return_inverse=True, return_counts=True
+    )
+    odd = key[(count != 2) | (np.bincount(of, start < end) != 1)]
     out = np.zeros(n_vertices, dtype=bool)
-    out[twice // n_vertices] = True
-    out[twice % n_vertices] = True
+    out[odd // n_vertices] = True
+    out[odd % n_vertices] = True
     return out
 
 

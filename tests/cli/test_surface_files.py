@@ -38,7 +38,9 @@ def files(tmp_path):
 def test_decode_by_level_error_and_faces(run, files):
     for options, faces in (
         (("--level", 2), 128),
-        (("--faces", 600), 512),
+        (("--faces", 600), 600),
+        (("--faces", 512), 512),
+        (("--faces", 4), 4),
         (("--max-error", "0.02%"), 8192),
         ((), 8192),
     ):
@@ -57,13 +59,16 @@ def test_decode_with_normals_keeps_edges_sharp(run, files):
     assert np.abs(stored_normals(files / "cube.ply")).max(axis=1) == pytest.approx(1)
 
 
-def test_levels_of_detail_have_a_level_less_each(run, files):
-    code, _, _ = run("decode", files / "ball.cndhf", files / "ball.glb", "--lod", 3, "--level", 2)
+def test_levels_of_detail_have_a_quarter_of_the_triangles_each(run, files):
+    code, _, _ = run("decode", files / "sheet.cndhf", files / "sheet.glb", "--lod", 2, "--level", 1)
     assert code == 0
-    assert [len(trimesh.load_mesh(files / f"ball.lod{k}.glb").faces) for k in range(3)] == [128, 32, 8]
+    assert [len(trimesh.load_mesh(files / f"sheet.lod{k}.glb").faces) for k in range(2)] == [288, 72]
+    code, _, _ = run("decode", files / "ball.cndhf", files / "ball.glb", "--lod", 4, "--faces", 400)
+    assert code == 0
+    assert [len(trimesh.load_mesh(files / f"ball.lod{k}.glb").faces) for k in range(4)] == [400, 100, 24, 6]
     code, _, err = run("decode", files / "ball.cndhf", files / "more.glb", "--lod", 4, "--level", 2)
     assert code == 2
-    assert "so there are 3" in err
+    assert "the last level would have 2 triangles" in err
     assert not list(files.glob("more*"))
 
 
@@ -81,7 +86,8 @@ def test_a_grid_beside_a_mesh(run, files):
         ("ball", ("b.ply", "--resolution", 64), 2, "this file holds a surface"),
         ("ball", ("b.ply", "--method", "intersection"), 2, "this file holds a surface"),
         ("ball", ("b.ply", "--level", 7), 2, "0 to 6"),
-        ("ball", ("b.ply", "--faces", 5), 1, "ask for 8 or more"),
+        ("ball", ("b.ply", "--faces", 3), 2, "4 or more"),
+        ("sheet", ("b.ply", "--faces", 5), 2, "too few for this shape"),
         ("sheet", ("--occupancy", "b.npz"), 1, "--thicken"),
     ],
 )

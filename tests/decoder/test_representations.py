@@ -20,6 +20,7 @@ from cndhf_codec.decoder.surface import representation
 from cndhf_codec.decoder.surface.levels import Level, distances_from_limit, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.errors import OptionError, SectionError, SheetError, SurfaceError
+from cndhf_codec.mesh.distances import surface_distances
 
 CENTRE, SCALE = (10.0, -20.0, 30.0), 4.0
 CUBES = {
@@ -202,6 +203,47 @@ def test_many_threads_at_once(cube, points):
             np.testing.assert_array_equal(a, b)
 
 
+def test_any_number_of_triangles_below_a_level():
+    ball = surfaces.ball(scale=10.0)
+    fine = ball.to_mesh(level=6)
+    errors = []
+    for faces in (20, 100, 1000):
+        mesh = ball.to_mesh(faces=faces)
+        assert len(mesh.faces) == faces
+        assert mesh.is_watertight
+        errors.append(surface_distances(fine.vertices, fine.faces, mesh.vertices, mesh.faces, samples=5000).mean)
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+    # Better than the level with fewer, by what the number gives.
+    level = ball.to_mesh(level=2)
+    level_error = surface_distances(fine.vertices, fine.faces, level.vertices, level.faces, samples=5000).mean
+    assert errors[1] < 1.3 * level_error * 128 / 100
+
+
+def test_a_simplified_mesh_keeps_the_surfaces_normals_and_its_creases():
+    cylinder = surfaces.capped_tube()
+    mesh = cylinder.to_mesh(faces=60, normals=True)
+    assert len(mesh.faces) == 60
+    across = np.abs(mesh.vertex_normals[:, 2])
+    # Each normal is a cap's or the wall's, none between the two.
+    assert ((across < 0.1) | (across > 0.99)).all()
+    assert (across < 0.1).any()
+    assert (across > 0.99).any()
+    of_faces = np.einsum("fkx,fx->fk", mesh.vertex_normals[mesh.faces], mesh.face_normals)
+    assert of_faces.min() > 0.7
+
+
+def test_a_simplified_sheet_keeps_its_rim():
+    sheet = surfaces.sheet()
+    level, mesh = sheet.to_mesh(level=1), sheet.to_mesh(faces=120)
+    assert len(mesh.faces) == 120
+    rims = []
+    for m in (level, mesh):
+        single = m.edges_unique[np.bincount(m.edges_unique_inverse) == 1]
+        rims.append({tuple(p) for p in np.round(m.vertices[np.unique(single)], 9).tolist()})
+    assert len(rims[0]) == 48
+    assert rims[0] == rims[1]
+
+
 def test_copies_answer_alike(cube, points):
     twin = pickle.loads(pickle.dumps(cube))
     assert np.array_equal(twin.contains(points), cube.contains(points))
@@ -285,9 +327,9 @@ def test_the_estimate_of_the_error_is_about_the_distance():
 def test_numbers_of_triangles_and_levels():
     ball = surfaces.ball()
     assert [len(ball.to_mesh(level=k).faces) for k in range(4)] == [8, 32, 128, 512]
-    assert [len(ball.to_mesh(faces=n).faces) for n in (8, 31, 32, 127, 10**9)] == [8, 8, 32, 32, 8 * 4**6]
-    with pytest.raises(SurfaceError, match="8 triangles: ask for 8 or more"):
-        ball.to_mesh(faces=7)
+    assert [len(ball.to_mesh(faces=n).faces) for n in (8, 31, 32, 127, 10**9)] == [8, 30, 32, 126, 8 * 4**6]
+    with pytest.raises(OptionError, match="4 or more"):
+        ball.to_mesh(faces=3)
     with pytest.raises(OptionError, match="0 to 6"):
         ball.to_mesh(level=7)
     with pytest.raises(OptionError, match="one of level, max_error and faces"):

@@ -13,12 +13,19 @@ one sharp edge and the next, or all around a vertex where there are fewer than t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import F64, I64, Mask
-from .subdivision import Topology
+from ..results import ShadedMesh, TriangleMesh
+from .subdivision import Topology, topology_of
+
+# Of a simplified mesh. Corners are looked at so far towards the middles of their faces, to be off creases.
+INWARD = 0.1
+CREASE_COSINE = 0.866  # 30 degrees, as modelling programs shade
+ACROSS_COSINE = 0.5  # a normal that is further from the face's belongs to another
 
 
 class Sectors(NamedTuple):
@@ -62,6 +69,29 @@ def sectors_of(mesh: Topology) -> Sectors:
     return Sectors(
         vertex[order], corners.reshape(-1, 3), place.reshape(-1, 3), np.bincount(corners, minlength=len(order))
     )
+
+
+def with_normals(mesh: TriangleMesh, normals_at: Callable[[F64], F64]) -> ShadedMesh:
+    """Give a mesh that is near a surface the surface's normals, with a vertex per sector.
+
+    normals_at: the surface's normals (N, 3) nearest to points (N, 3). An edge is a crease where they differ between its
+    two faces.
+    """
+    p = mesh.vertices[mesh.faces]
+    inside = p + INWARD * (p.mean(axis=1, keepdims=True) - p)
+    corners = normals_at(inside.reshape(-1, 3)).reshape(-1, 3, 3)
+    # Beside a crease the nearest point may be across it; then the face has a normal of its own.
+    own = np.broadcast_to(_unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))[:, None], corners.shape)
+    corners = np.where(np.sum(own * corners, axis=2, keepdims=True) < ACROSS_COSINE, own, corners)
+    plain = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
+    # At each edge: the sum of the unit normals of both faces, each between its two ends; |a + b|^2 = 2 + 2 cos.
+    total = np.zeros((len(plain.edges), 3))
+    for k in range(3):
+        total += _summed(plain.face_edges[:, k], _unit(corners[:, k] + corners[:, (k + 1) % 3]), len(total))
+    crease = (total * total).sum(axis=1) / 2 - 1 < CREASE_COSINE
+    sectors = sectors_of(topology_of(mesh.faces, len(mesh.vertices), plain.edges[crease]))
+    normals = _unit(_summed(sectors.corners.ravel(), corners.reshape(-1, 3), len(sectors.vertices)))
+    return ShadedMesh(mesh.vertices[sectors.vertices], sectors.corners, normals)
 
 
 def _walk(start: I64, following: I64, sector: I64, place: I64) -> None:

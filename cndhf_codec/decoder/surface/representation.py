@@ -1,6 +1,7 @@
 """The representation `surface`: the limit of a control mesh, as `Model` asks for it.
 
-Meshes have whole levels of subdivision, with all vertices on the limit surface. Queries are answered from such a mesh.
+Meshes have whole levels of subdivision, with all vertices on the limit surface, or are simplified from one to a number
+of triangles. Queries are answered from a whole level.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from ..pieces import piece_labels
 from ..queries import TriangleQueries
 from ..representation import Detail
 from ..results import NearestPoints, OccupancyGrid, RayHits, ShadedMesh, TriangleMesh
+from ..simplify import LEAST_FACES, simplified
 from .levels import MAX_LEVEL, Level, distances_from_limit, next_level, size_at
-from .normals import limit_normals, sectors_of
+from .normals import limit_normals, sectors_of, with_normals
 from .subdivision import Topology, topology_of
 
 # Of the diagonal. The default level keeps to it but for 1 % of the edges. Where many faces meet, and where the surface
@@ -106,22 +108,21 @@ class SurfaceRepresentation:
         return self._queried().queries.nearest(points)
 
     def normals(self, points: F64) -> F32:
-        mesh = self._queried()
-        near = mesh.queries.nearest(points)
-        out = np.zeros((len(points), 3), dtype=np.float32)
-        found = np.flatnonzero(near.face >= 0)
-        out[found] = mesh.normals_at(near.face[found], near.point[found])
-        return out
+        return self._queried().normals_at_nearest(points).astype(np.float32)
 
     def first_hits(self, origins: F64, directions: F64) -> RayHits:
         return self._queried().queries.ray_intersect(origins, directions)
 
     def mesh(self, detail: Detail, limits: Limits) -> TriangleMesh:
         level = self._level(detail, limits)
-        return TriangleMesh(level.limit, level.topology.faces)
+        return _reduced(level, detail.faces)
 
     def shaded_mesh(self, detail: Detail, limits: Limits) -> ShadedMesh:
-        return _shaded(self._level(detail, limits))
+        level = self._level(detail, limits)
+        mesh = _reduced(level, detail.faces)
+        if len(mesh.faces) == len(level.topology.faces):
+            return _shaded(level)
+        return with_normals(mesh, _QueriedMesh(_shaded(level)).normals_at_nearest)
 
     def occupancy(self, resolution: int, limits: Limits) -> OccupancyGrid:
         resolution = whole_in(resolution, "resolution", MIN_RESOLUTION, limits.resolution)
@@ -174,10 +175,14 @@ class SurfaceRepresentation:
         if detail.level is not None:
             return self._at(whole_in(detail.level, "level", 0, MAX_LEVEL), limits)
         if detail.faces is not None:
-            most, own = whole_in(detail.faces, "faces", 1), len(self._control.faces)
-            if own > most:
-                raise SurfaceError(f"the control mesh itself has {own} triangles: ask for {own} or more")
-            return self._at(max(k for k in range(MAX_LEVEL + 1) if own * 4**k <= most), limits)
+            most, own = whole_in(detail.faces, "faces", LEAST_FACES), len(self._control.faces)
+            if not most / own <= 4**MAX_LEVEL:
+                return self._at(MAX_LEVEL, limits)
+            # From twice as many triangles and more, there is a choice of what to leave out.
+            return self._at(
+                next(k for k in range(MAX_LEVEL + 1) if own * 4**k == most or own * 4**k >= 2 * most or k == MAX_LEVEL),
+                limits,
+            )
         return self._fine_enough(detail.max_error, limits)
 
     def _at(self, number: int, limits: Limits) -> Level:
@@ -231,6 +236,14 @@ class _QueriedMesh:
         self.vertices, self._faces, self._normals = shaded
         self.queries = TriangleQueries(self.vertices, self._faces)
 
+    def normals_at_nearest(self, points: F64) -> F64:
+        """(N, 3) unit normals at the nearest points; 0 where there is none."""
+        near = self.queries.nearest(points)
+        out = np.zeros((len(points), 3))
+        found = np.flatnonzero(near.face >= 0)
+        out[found] = self.normals_at(near.face[found], near.point[found])
+        return out
+
     def normals_at(self, faces: I64, points: F64) -> F64:
         """(N, 3) unit normals at points of faces (N,), between those of the corners."""
         a, b, c = self.vertices[self._faces[faces]].transpose(1, 0, 2)
@@ -243,6 +256,17 @@ class _QueriedMesh:
         normal = (corners * weights[..., None]).sum(axis=1)
         size = np.linalg.norm(normal, axis=1, keepdims=True)
         return np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
+
+
+def _reduced(level: Level, faces: int | None) -> TriangleMesh:
+    """The mesh of a level, simplified to so many triangles. Raises OptionError where topology asks for more."""
+    mesh = TriangleMesh(level.limit, level.topology.faces)
+    if faces is None or len(mesh.faces) <= faces:
+        return mesh
+    out = simplified(mesh, faces=faces)
+    if len(out.faces) > faces:
+        raise OptionError(f"faces is {faces}: too few for this shape; {len(out.faces)} are enough")
+    return out
 
 
 def _error(level: Level, max_error: float | str | None) -> float:
