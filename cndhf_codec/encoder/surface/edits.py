@@ -31,6 +31,7 @@ TRIAL_ROUNDS = 2  # with one, a third of what pays is seen
 DEGREE_WEIGHT = 2.0
 MARGIN = 1.0  # bits that an edit must be worth beyond its cost: errors are those of samples
 LEAST_BATCH = 4  # a smaller one is not worth its fit
+LEAST_GAIN = 0.02  # of the error, by a cycle: mechanical parts, where flat places are met already, gain less
 FLATTEST, TURN = 0.5, 0.3  # least cosines between faces of a flipped edge, and of a face before and after
 LARGEST_DEGREE = 20  # larger ones cost as much
 
@@ -87,13 +88,16 @@ def edited(
     )
     editor = _Editor(target, levels, bits)
     kinds: list[_Flips | _Collapses | _Splits] = [_Collapses(), _Splits(), *[_Flips() for _ in range(FLIPS)]]
+    error = float(now.errors.sum())
     for k in range(cycles):
         for kind in kinds:
             if deadline.passed() >= 1:
                 break
             now = editor.batch(now, kind)
-        on_cycle(k + 1, float(now.errors.sum()))
-    error = float(now.errors.sum())
+        before, error = error, float(now.errors.sum())
+        on_cycle(k + 1, error)
+        if error > (1 - LEAST_GAIN) * before:
+            break
     return Edited(Manifold(now.control, now.faces), Fitted(now.basis, now.sharp, now.control, error))
 
 

@@ -27,7 +27,7 @@ from ..deadline import Deadline
 from ..progress import Stage
 from .creases import Fitted, fit_smooth, fit_with_creases
 from .cut import Manifold, cut
-from .edits import edited
+from .edits import LEAST_GAIN, edited
 from .fit import fit, mean_errors
 from .rounding import Rounding, polished
 from .settings import SurfaceSettings
@@ -113,7 +113,8 @@ def surface_of_size(
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
     again = _rounded(one._replace(control=control, error=error), mesh, target, size, MOST_COARSER)
-    return again if len(again.body) <= size and again.error < sized.error else sized
+    # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
+    return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
 
 
 class _Simplify:
