@@ -682,7 +682,7 @@ def test_names_that_are_not_utf8(tmp_path, model):
 def test_text_in_a_file_cannot_drive_the_terminal(run, tmp_path):
     import rawfile
 
-    data = rawfile.build(rawfile.sections(metadata=rawfile.entry(3, b"a\x1b[2Jb\nfake line")))
+    data = rawfile.build([rawfile.fields(), (rawfile.SOURCE, b"a\x1b[2Jb\nfake line")])
     (tmp_path / "a.cndhf").write_bytes(data)
     code, out, _ = run("info", tmp_path / "a.cndhf")
     assert code == 0

@@ -168,7 +168,7 @@ def test_info_in_plain_values(tmp_path):
 
 def test_info_gives_the_size_of_the_file_and_not_of_a_copy():
     # This decoder does not know the section, so a copy would leave it out.
-    data = rawfile.build([*rawfile.sections(), (0x90, 0, bytes(1000))])
+    data = rawfile.build([rawfile.fields(), (0x90, bytes(1000))])
     assert loads(data).info["bytes"] == len(data)
 
 
