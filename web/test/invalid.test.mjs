@@ -40,8 +40,8 @@ test("arguments", async () => {
 test("a mesh with a vertex of two fans is refused", async () => {
   // A damaged file that was found by comparing verdicts with the Python decoder.
   const bytes = Buffer.from(
-    "iURIRg0KGgoAAgIAAAAAAAAAJEAAAAAAAAA0wAAAAAAAAAxAAACAQAMDSQAAAIEABQAAAAAAAIA6YtcTqK7X0ALVIgvuxCaONXac" +
-    "f5CJTG5ioCz6nYGfssRcITsP8V33to5YfaBkyFfJJ9R6w5XmEggXQ9JJiOuqbJ3Y+JsBA3dlYigv4wE=",
+    "iURIRgEAAAAgQQAAoMEAAGBAAACAQANHAIA6YtcTqK7X0ALVIgvuxCaONXacf5CJTG5ioCz6nYGfssRcITsP8V33to5YfaBkyFfJJ9R6" +
+    "w5XmEggXQ9JJiOuqbJ3Y+JuBA3dlYqHI+4U=",
     "base64",
   );
   await assert.rejects(decode(new Uint8Array(bytes)), { name: "PayloadError", message: /more than one fan/ });
@@ -49,7 +49,7 @@ test("a mesh with a vertex of two fans is refused", async () => {
 
 test("a surface's stream ends in one way only", async () => {
   const bytes = bytesOf("web/test/vectors/smooth.cndhf");
-  const last = bytes.length - 4 - 5 - 1; // before the checksum and the metadata, entry 1 of 3 letters
+  const last = bytes.length - 4 - 5 - 1; // before the checksum and the encoder's name of 3 letters
   const meshes = [];
   for (let byte = 0; byte < 256; byte++) {
     bytes[last] = byte;

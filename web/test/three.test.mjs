@@ -49,7 +49,7 @@ test("load goes through the manager", async () => {
   const loader = new CNDHFLoader(manager).setMeshOptions({ level: 1 });
   const geometry = await loader.loadAsync(dataUrl(SURFACE));
   assert.equal(geometry.index.count, 3 * 90 * 4);
-  await assert.rejects(loader.loadAsync(dataUrl(SURFACE.subarray(0, 90))), { name: "TruncatedError" });
+  await assert.rejects(loader.loadAsync(dataUrl(SURFACE.subarray(0, 90))), { name: "ChecksumError" });
   assert.ok(told.includes("loaded") && told.includes("error"), String(told));
 });
 
