@@ -83,7 +83,7 @@ def loads_prefix(data: bytes, n_dhfs: int | None = None, limits: Limits | None =
     --------
     >>> import cndhf_codec
     >>> from pathlib import Path
-    >>> data = Path("tests/must_load/rans.cndhf").read_bytes()
+    >>> data = Path("spec/vectors/accepted/rans.cndhf").read_bytes()
     >>> len(cndhf_codec.loads_prefix(data[:-4]).info["dhfs"])
     1
     >>> cndhf_codec.loads_prefix(data[:-10])

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from cndhf_codec import load, loads
 from cndhf_codec.decoder.dhf import representation
-from cndhf_codec.errors import InputError, LimitError, OptionError, OutputError, TruncatedError
+from cndhf_codec.errors import ChecksumError, InputError, LimitError, OptionError, OutputError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
 
@@ -189,7 +189,7 @@ def test_errors_name_the_file(tmp_path):
     with pytest.raises(OutputError, match=r"a\.cndhf.*overwrite"):
         m.save(path)
     path.write_bytes(m.dumps()[:-1])
-    with pytest.raises(TruncatedError, match=r"a\.cndhf"):
+    with pytest.raises(ChecksumError, match=r"a\.cndhf"):
         load(path)
 
 

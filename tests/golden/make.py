@@ -67,7 +67,7 @@ def by_hand() -> bytes:
         (rawfile.ERRORS, struct.pack("<3H", 0x3E00, 0x3F00, 0x4000)),  # 0.125, 0.5, 2
         (rawfile.SOURCE, "Gerät.obj".encode()),
     ]
-    return rawfile.build(parts, flags=1, centre=(1e7 + 0.1, -2e5, 3.5), scale=40.0)
+    return rawfile.build(parts, flags=1, centre=(1e5 + 0.1, -2e5, 3.5), scale=40.0)
 
 
 def values(data: bytes) -> dict:

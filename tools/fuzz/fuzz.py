@@ -21,9 +21,9 @@ import mutate
 import numpy as np
 from watch import FindingError, Watch, digest, run
 
-TESTS = Path(__file__).parent.parent.parent / "tests"
-VALID = [p.read_bytes() for name in ("golden", "must_load") for p in sorted((TESTS / name).glob("*.cndhf"))]
-SEEDS = [*VALID, *(p.read_bytes() for p in sorted((TESTS / "must_fail").glob("*.cndhf")))]
+VECTORS = Path(__file__).parent.parent.parent / "spec" / "vectors"
+VALID = [p.read_bytes() for pattern in ("*.cndhf", "accepted/*.cndhf") for p in sorted(VECTORS.glob(pattern))]
+SEEDS = [*VALID, *(p.read_bytes() for p in sorted(VECTORS.glob("refused/*.cndhf")))]
 
 
 FIELDS, SURFACES = Watch(measure.SUBJECTS["cndhf"], slowest=0.02), Watch(measure.SUBJECTS["surfaces"], slowest=1.0)

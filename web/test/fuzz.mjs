@@ -4,7 +4,7 @@
 // and lengths and checksum are made to fit again, most of the time. What decodes is asked for a point and a mesh.
 import { pathToFileURL } from "node:url";
 import { CndhfError, decode } from "../dist/index.js";
-import { bytesOf, expected, rowsOf } from "./files.mjs";
+import { bytesOf, expected, rowsOf, vector } from "./files.mjs";
 
 const SLOW = 10_000; // milliseconds: a file that takes longer counts as a hang
 const BYTES = [0, 1, 2, 3, 7, 8, 16, 30, 59, 60, 63, 64, 127, 128, 129, 254, 255];
@@ -111,8 +111,8 @@ async function use(bytes, chance) {
 /** Decode so many damaged files; how many were refused, by the name of the error, and the slowest. */
 export async function fuzz(nFiles, seed) {
   const seeds = [
-    ...Object.keys(expected),
-    ...rowsOf("tests/must_load").map(([name]) => `tests/must_load/${name}`),
+    ...Object.keys(expected).map(vector),
+    ...rowsOf("spec/vectors/accepted").map(([name]) => `spec/vectors/accepted/${name}`),
   ].map(bytesOf);
   const results = {};
   let slowest = 0;

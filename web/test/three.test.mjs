@@ -12,7 +12,7 @@ globalThis.self ??= globalThis; // GLTFLoader asks it for URL
 globalThis.ProgressEvent ??= class extends Event {}; // and FileLoader for this
 
 const DHF = bytesOf("examples/bracket.cndhf");
-const SURFACE = bytesOf("web/test/vectors/creases.cndhf");
+const SURFACE = bytesOf("spec/vectors/surface-creases.cndhf");
 const FAR = bytesOf("tests/golden/surface.cndhf");
 
 const dataUrl = (bytes) => `data:application/octet-stream;base64,${Buffer.from(bytes).toString("base64")}`;

@@ -1,10 +1,6 @@
-"""Make the files that must fail and those that must load: `python tests/must_fail/make.py`.
+"""The files of spec/vectors that each abuse the format in one way, and those that look odd but are right.
 
-Only new ones: it never overwrites a file, and no test runs it. A test that made its own files would follow the code.
-Each file, its checksum included, is right except for the one thing that its name says.
-
-must_fail/index.tsv   file, error class, words of its message
-must_load/index.tsv   file, why it must load; all of them decode to the same weights as valid.cndhf
+`spec_vectors.py` writes them. Each file, its checksum included, is right except for the one thing that its name says.
 """
 
 from __future__ import annotations
@@ -17,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-import rawfile  # noqa: E402
-from rawfile import (  # noqa: E402
+import rawfile
+from rawfile import (
     ENCODER,
     ERRORS,
     RANS,
@@ -37,9 +32,9 @@ from rawfile import (  # noqa: E402
     seal,
 )
 
-from cndhf_codec.format import ControlMesh, rans  # noqa: E402
-from cndhf_codec.format.surface import connectivity, positions  # noqa: E402
-from cndhf_codec.format.surface.section import encode_surface  # noqa: E402
+from cndhf_codec.format import ControlMesh, rans
+from cndhf_codec.format.surface import connectivity, positions
+from cndhf_codec.format.surface.section import encode_surface
 
 SIZES = [4, 2, 4, 2, 4, 2]  # tensors of the smallest record
 TENSORS = [
@@ -373,7 +368,7 @@ def surfaces() -> dict[str, tuple[bytes, str, str]]:
     return {f"surface-{name}": row for name, row in out.items()}
 
 
-def must_load() -> dict[str, tuple[bytes, str]]:
+def accepted() -> dict[str, tuple[bytes, str]]:
     zstd, source = fields(), (SOURCE, b"a.obj")
     extra = (0xFE, b"something of a later version")
     large = (0xFE, bytes(200))
@@ -413,17 +408,12 @@ def must_load() -> dict[str, tuple[bytes, str]]:
     }
 
 
-def write(folder: Path, rows: dict[str, tuple]) -> None:
-    folder.mkdir(exist_ok=True)
-    for name, (data, *_) in rows.items():
-        path = folder / f"{name}.cndhf"
-        if not path.exists():  # a frozen file stays, though this code and the writer's may make other bytes today
-            path.write_bytes(data)
-    lines = sorted("\t".join([f"{name}.cndhf", *rest]) for name, (_, *rest) in rows.items())
-    (folder / "index.tsv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    groups = (headers(), containers(), records(), zstd_weights(), rans_weights(), surfaces(), metadata())
-    write(HERE, {name: row for group in groups for name, row in group.items()})
-    write(HERE.parent / "must_load", must_load())
+def refused() -> dict[str, tuple[bytes, str, str, str]]:
+    """By name: the file, the section of the specification that refuses it, the error's class, words of its message."""
+    groups = {"1.1": headers, "1.2": containers, "2": records, "3.1": zstd_weights, "3.2": rans_weights, "4": surfaces}
+    groups["5"] = metadata
+    out = {}
+    for section, group in groups.items():
+        for name, (data, error, words) in group().items():
+            out[name] = data, "1.3" if error == "ChecksumError" else section, error, words
+    return out
