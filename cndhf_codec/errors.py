@@ -33,7 +33,7 @@ class SignatureError(FormatError):
 
 
 class TextModeError(SignatureError):
-    """Raised when the signature shows that a transfer has changed line endings or high bits."""
+    """Raised when the signature shows that a file was transferred as text."""
 
 
 class VersionError(FormatError):
@@ -41,15 +41,11 @@ class VersionError(FormatError):
 
 
 class TruncatedError(FormatError):
-    """Raised when a file ends before the data that its header announces."""
-
-
-class TrailingDataError(FormatError):
-    """Raised when there are bytes after a file's checksum."""
+    """Raised when a file, or a part of it, ends before what it announces."""
 
 
 class ChecksumError(FormatError):
-    """Raised when the CRC-32 at the end of a file does not match the bytes before it: the file was damaged."""
+    """Raised when the CRC-32 at the end of a file does not match the bytes before it: it was damaged, or cut short."""
 
 
 class FieldError(FormatError):
@@ -61,7 +57,7 @@ class LimitError(FormatError):
 
 
 class SectionError(FormatError):
-    """Raised when a section is missing, repeated, too short or too long, or of an unknown kind or codec."""
+    """Raised when a section is missing, repeated, too short, or of an unknown kind."""
 
 
 class PayloadError(FormatError):

@@ -5,20 +5,20 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import zstandard
 
-RECORDS, WEIGHTS, SURFACE, METADATA = 0x01, 0x02, 0x03, 0x81
-RAW, ZSTD, RANS, RANGE = 0, 1, 2, 3
+ZSTD, RANS, SURFACE = 0x01, 0x02, 0x03  # kinds of sections
+ENCODER, ERRORS, SOURCE = 0x81, 0x82, 0x83
 BOX = (-16384, 16384, -16384, 16384, -16384, 16384)
 SIZE = 18  # parameters of the smallest record below: width 2, one hidden layer
 
-Section = tuple[int, int, bytes]  # kind, codec, body
+Section = tuple[int, bytes]  # kind, body
 
 
 def record(
-    role: int = 0,
     fold: int = 0,
     quaternion: Sequence[int] = (0, 0, 0, 32767),
     box: Sequence[int] = BOX,
@@ -27,7 +27,7 @@ def record(
     omegas: Sequence[int] = (30, 30),
     codes: bytes | None = None,
 ) -> bytes:
-    head = struct.pack("<2B4h6h4B", role, fold, *quaternion, *box, width, hidden, *omegas)
+    head = struct.pack("<B4h6h4B", fold, *quaternion, *box, width, hidden, *omegas)
     return head + (bytes([20] * 2 * (hidden + 2)) if codes is None else codes)
 
 
@@ -36,41 +36,36 @@ def frame(raw: bytes, content_size: bool = True, checksum: bool = False) -> byte
     return zstandard.ZstdCompressor(write_content_size=content_size, write_checksum=checksum).compress(raw)[4:]
 
 
-def entry(tag: int, value: bytes) -> bytes:
-    return struct.pack("<BB", tag, len(value)) + value
+def fields(
+    records: bytes | None = None, weights: bytes | None = None, kind: int = ZSTD, n_dhfs: int | None = 1
+) -> Section:
+    """A section of double height fields; without their number when `n_dhfs` is None."""
+    count = b"" if n_dhfs is None else bytes([n_dhfs])
+    records = record() if records is None else records
+    return kind, count + records + (frame(bytes(range(SIZE))) if weights is None else weights)
 
 
-def sections(
-    records: bytes | None = None, weights: bytes | None = None, metadata: bytes | None = None
-) -> list[Section]:
-    out = [
-        (RECORDS, RAW, record() if records is None else records),
-        (WEIGHTS, ZSTD, frame(bytes(range(SIZE))) if weights is None else weights),
-    ]
-    return out if metadata is None else [*out, (METADATA, RAW, metadata)]
+def length(value: int) -> bytes:
+    """A length as a section has it."""
+    groups = [value & 0x7F]
+    while value := value >> 7:
+        groups.append(value & 0x7F)
+    return bytes([g | 0x80 for g in groups[:-1]] + groups[-1:])
 
 
-def build(
-    parts: Sequence[Section] | None = None,
-    *,
-    version: tuple[int, int] = (0, 1),
-    n_sections: int | None = None,
-    n_dhfs: int = 1,
-    centre: Sequence[float] = (0.0, 0.0, 0.0),
-    scale: float = 1.0,
-) -> bytes:
-    """A file with a correct checksum, whatever is wrong with the rest of it."""
-    parts = sections() if parts is None else parts
-    n = len(parts) if n_sections is None else n_sections
-    data = b"\x89DHF\r\n\x1a\n" + struct.pack("<4B3df", *version, n, n_dhfs, *centre, scale)
-    data += b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in parts)
-    data += b"".join(body for _, _, body in parts)
-    return data + struct.pack("<I", zlib.crc32(data))
+def head(version: int = 1, flags: int = 0, centre: Sequence[float] = (0.0, 0.0, 0.0), scale: float = 1.0) -> bytes:
+    layout = "<3df" if flags & 1 else "<4f"
+    return b"\x89DHF" + bytes([version, flags]) + struct.pack(layout, *centre, scale)
 
 
-def build_surface(parts: Sequence[Section], n_dhfs: int = 0) -> bytes:
-    """A file of the version that knows surfaces."""
-    return build(parts, version=(0, 2), n_dhfs=n_dhfs)
+def seal(body: bytes) -> bytes:
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def build(parts: Sequence[Section] | None = None, **changes: Any) -> bytes:
+    """A file with a correct checksum, whatever is wrong with the rest of it. changes: of `head`."""
+    parts = [fields()] if parts is None else parts
+    return seal(head(**changes) + b"".join(bytes([kind]) + length(len(body)) + body for kind, body in parts))
 
 
 def noise(n_dhfs: int = 1, width: int = 8, hidden: int = 2) -> bytes:
@@ -86,4 +81,4 @@ def noise(n_dhfs: int = 1, width: int = 8, hidden: int = 2) -> bytes:
             low += b"\xfd\xfc" if bias == 2 else rng.integers(0, 40, bias).astype(np.uint8).tobytes()
     codes = bytes([20] * (2 * hidden + 3) + [24])
     body = record(box=(-32768, 32767) * 3, width=width, hidden=hidden, omegas=(255, 30), codes=codes)
-    return build(sections(body * n_dhfs, frame(low)), n_dhfs=n_dhfs)
+    return build([fields(body * n_dhfs, frame(low), n_dhfs=n_dhfs)])

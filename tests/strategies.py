@@ -8,12 +8,14 @@ import zlib
 import numpy as np
 from hypothesis import strategies as st
 
-from cndhf_codec.format import Container, DhfRecord, Metadata, dumps
-from cndhf_codec.format.constants import CODEC_RANS, CODEC_ZSTD, HEADER_SIZE, TABLE_ENTRY_SIZE
+from cndhf_codec.format import Container, DhfRecord, Metadata, dumps, read_header
+from cndhf_codec.format.bfloat16 import above
+from cndhf_codec.format.constants import CODEC_RANS, CODEC_ZSTD, FRAME_AT
 from cndhf_codec.format.container import tensor_shapes
+from cndhf_codec.format.writer import section
 
 texts = st.none() | st.text(st.characters(codec="utf-8"), max_size=60)
-errors = st.floats(0, 2.0**100, width=32)
+errors = st.floats(0, 2.0**100).map(above)
 metadata = st.builds(
     lambda e, s, three: Metadata(e, *(three or (None, None, None)), s),
     texts,
@@ -50,10 +52,11 @@ def records(draw) -> DhfRecord:
 
 
 coordinates = st.floats(-(2.0**100), 2.0**100)
+singles = st.floats(-(2.0**100), 2.0**100, width=32)
 # Valid containers: whatever the format can say, in small networks.
 containers = st.builds(
     Container,
-    st.tuples(coordinates, coordinates, coordinates),
+    st.tuples(coordinates, coordinates, coordinates) | st.tuples(singles, singles, singles),
     st.floats(2.0**-100, 2.0**100, width=32),
     st.lists(records(), min_size=1, max_size=4).map(tuple),
     metadata,
@@ -70,28 +73,24 @@ def damaged(draw) -> bytes:
     """A file with a checksum that fits, and bytes changed, removed or added in one place or a few."""
     body = bytearray(dumps(draw(containers))[:-4])
     for _ in range(draw(st.integers(1, 4))):
-        # Half of the damage to the header and the table, which are a small part of the bytes.
-        end = draw(st.sampled_from([HEADER_SIZE + 3 * TABLE_ENTRY_SIZE, len(body)]))
-        at = draw(st.integers(8, max(8, min(end, len(body)) - 1)))
+        # Half of the damage to the header and the records, which are a small part of the bytes.
+        end = draw(st.sampled_from([80, len(body)]))
+        at = draw(st.integers(FRAME_AT - 1, max(FRAME_AT, min(end, len(body)) - 1)))
         body[at : at + draw(st.integers(0, 4))] = draw(st.binary(max_size=4))
     return seal(bytes(body))
 
 
 @st.composite
 def rearranged(draw) -> bytes:
-    """A file whose sections are dropped, repeated, exchanged with another file's, or of another kind or codec."""
+    """A file whose sections are dropped, repeated, exchanged with another file's, or of another kind."""
     sections = []
     for _ in range(2):
         data = dumps(draw(containers))
-        head, at = data[8:HEADER_SIZE], HEADER_SIZE + TABLE_ENTRY_SIZE * data[10]
-        for row in range(HEADER_SIZE, at, TABLE_ENTRY_SIZE):
-            kind, codec, length = struct.unpack_from("<BBI", data, row)
-            sections.append((kind, codec, data[at : at + length]))
-            at += length
+        found = read_header(data).sections
+        sections += [(s.kind, data[s.offset : s.offset + s.length]) for s in found]
+    head = data[: 34 if data[FRAME_AT - 1] else 22]
     chosen = draw(st.lists(st.sampled_from(sections), max_size=5))
     if chosen and draw(st.booleans()):
         k = draw(st.integers(0, len(chosen) - 1))
-        chosen[k] = (draw(st.integers(0, 255)), draw(st.integers(0, 3)), chosen[k][2])
-    table = b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in chosen)
-    counts = bytes([*head[:2], len(chosen), draw(st.sampled_from([head[3], 1, 0, 65]))])
-    return seal(data[:8] + counts + head[4:] + table + b"".join(body for _, _, body in chosen))
+        chosen[k] = (draw(st.integers(0, 255)), chosen[k][1])
+    return seal(head + b"".join(section(kind, body) for kind, body in chosen))

@@ -61,7 +61,7 @@ def test_the_writer_gives_the_printed_bytes(printed: bytes) -> None:
         step_codes=(24, 24, 24, 24, 24, 4),
         symbols=(symbols([1, 0]), symbols(0), symbols([-2]), symbols(300), symbols([3], [-3]), symbols(-1, 1)),
     )
-    container = Container((10.0, 0.0, -2.5), 2.0, (record,), Metadata(encoder="spec"))
+    container = Container((10.0, 0.0, -2.5), 2.0, (record,), Metadata("spec", 0.001, 0.004, 0.0078125))
     assert dumps(container).hex(" ") == printed.hex(" ")
 
 
@@ -72,21 +72,22 @@ def test_the_reader_gives_the_printed_heights(printed: bytes, heights: list[list
 
 
 def test_a_decoder_written_from_the_text_agrees(printed: bytes, heights: list[list[float]]) -> None:
-    assert printed[:8] == bytes.fromhex("8944 4846 0d0a 1a0a".replace(" ", ""))
+    assert printed[:6] == bytes.fromhex("8944 4846 0100")
     assert struct.unpack("<I", printed[-4:])[0] == zlib.crc32(printed[:-4])
-    n_sections = printed[10]
-    sections, at = {}, 40 + 6 * n_sections
-    for i in range(n_sections):
-        kind, _, length = struct.unpack_from("<BBI", printed, 40 + 6 * i)
+    sections, at = {}, 22
+    while at < len(printed) - 4:
+        kind, length = printed[at], printed[at + 1]
+        at += 2
         sections[kind] = printed[at : at + length]
         at += length
-    record = sections[1]
-    width, hidden, omega_first, omega_hidden = record[22:26]
-    assert (width, hidden) == (1, 1)
-    raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + sections[2])
+    n_dhfs, record = sections[1][0], sections[1][1:]
+    width, hidden, omega_first, omega_hidden = record[21:25]
+    assert (n_dhfs, width, hidden) == (1, 1, 1)
+    steps, weights = record[25:31], record[31:]
+    raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + weights)
     sizes = [2, 1, 1, 1, 2, 2]
     low, high, tensors = 0, sum(sizes), []
-    for size, code in zip(sizes, record[26:], strict=True):
+    for size, code in zip(sizes, steps, strict=True):
         values = []
         for j in range(size):
             u = raw[low + j] + (256 * raw[high + j] if code & 0x80 else 0)
@@ -157,11 +158,11 @@ def test_the_printed_numbers_of_the_surface_are_the_code_s(text: str) -> None:
         f"closing of {listed(connectivity.OTHER_CLOSES)} |",
         f"as (65536 - 1024 c, {connectivity.PRIOR})",
         f"min(count + 1, {range_coder.LIMIT})",
-        f"while d < {models.MAX_DIGITS} and",
-        f"learnt = min(d - 1, {models.LEARNT})",
+        f"while digits < {models.MAX_DIGITS} and",
+        f"learnt = min(digits - 1, {models.LEARNT})",
         f"more than {connectivity.MAX_STEPS} are",
         f"at most {connectivity.MAX_VERTICES:,} vertices",
-        f"min({connectivity.MAX_FACES:,}, {connectivity.FREE_FACES:,} + {connectivity.MAX_FACES_A_BYTE} n) faces",
+        f"min({connectivity.MAX_FACES:,}, {connectivity.FREE_FACES:,} + {connectivity.MAX_FACES_A_BYTE} B) faces",
         f"beyond {positions.MAX_POSITION:,} in either direction",
     ):
         assert sentence in text
@@ -171,17 +172,22 @@ def test_the_printed_limits_are_the_code_s(text: str) -> None:
     from cndhf_codec.format import constants as c
 
     for sentence in (
-        f"Version {c.MAJOR}.{c.MINOR},",
+        f"Version {c.VERSION}. A file of version {c.VERSION} is",
         f"1 to {c.MAX_DHFS} double height fields",
         f"at most {c.MAX_FILE_SIZE:,} bytes",
-        f"| rows of the section table | 1 to {c.MAX_SECTIONS} |",
-        f"| neurons in each sine layer, w | 1 to {c.MAX_WIDTH} |",
-        f"| sine layers after the first, n | 1 to {c.MAX_HIDDEN_LAYERS} |",
-        f"at most {c.MAX_PARAMETERS:,} parameters",
-        f"norm of the four integers {c.QUATERNION_MIN_NORM} to {c.QUATERNION_MAX_NORM}",
-        f"more than {rans.FREE_SYMBOLS:,} + {rans.MAX_SYMBOLS_A_BYTE} n symbols",
+        f"A file has 1 to {c.MAX_SECTIONS} sections",
+        f"| neurons in each sine layer | 1 to {c.MAX_WIDTH} |",
+        f"| sine layers after the first | 1 to {c.MAX_HIDDEN_LAYERS} |",
+        f"at most {c.MAX_PARAMETERS:,} weights and biases",
+        f"sum of the four squares {c.QUATERNION_MIN_NORM**2:,} to {c.QUATERNION_MAX_NORM**2:,}",
+        f"more than {rans.FREE_SYMBOLS:,} + {rans.MAX_SYMBOLS_A_BYTE} B symbols",
     ):
         assert sentence in text
+
+
+def test_the_printed_errors_are_read(text: str, printed: bytes) -> None:
+    m = loads(printed).container.metadata
+    assert f"mean {m.mean_error:.6g}, p99 {m.p99_error:.6g}, maximum {m.max_error:.6g}" in re.sub("  +", " ", text)
 
 
 def test_the_printed_ratios_are_the_code_s(text: str) -> None:

@@ -50,7 +50,7 @@ def _table(source: str, info: dict[str, Any]) -> str:
     else:
         lines.append("error not measured")
     if info["encoder"] is not None:
-        lines.append(f"written by {_printable(info['encoder'])}")
+        lines.append(f"encoder {_printable(info['encoder'])}")
     if info["source"] is not None:
         lines.append(f"source {_printable(info['source'])}")
     return "\n".join(lines)

@@ -45,7 +45,7 @@ def write_grid(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_grid(f"{folder}/bracket.npz", *found)
     ...     numpy.load(f"{folder}/bracket.npz")["occupancy"].shape
-    (22, 16, 11)
+    (21, 15, 11)
     """
     buffer = io.BytesIO()
     np.savez_compressed(buffer, occupancy=grid, origin=origin, spacing=np.float64(spacing))

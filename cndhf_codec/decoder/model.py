@@ -100,7 +100,7 @@ class Model:
 
         >>> import cndhf_codec
         >>> cndhf_codec.load("tests/golden/encoded.cndhf")
-        <Model of 2 double height fields, 1232 bytes, mean error 0.6767>
+        <Model of 2 double height fields, 747 bytes, mean error 0.05322>
         """
         info = self.info
         if info["representation"] == "dhf":
@@ -178,7 +178,7 @@ class Model:
         >>> import cndhf_codec
         >>> info = cndhf_codec.load("tests/golden/encoded.cndhf").info
         >>> info["bytes"], info["parameters"], len(info["dhfs"])
-        (1232, 804, 2)
+        (747, 804, 2)
         """
         c = self.container
         # What `dumps` gives can have another size: without unknown sections, with another release of zstd.
@@ -225,7 +225,7 @@ class Model:
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
         >>> model.heights(0, [[0.5, 0.1], [0.0, 0.2]]).round(1)
         array([[ 0.1,  0.3],
-               [-0.3,  0.1]], dtype=float32)
+               [-0.3,  0.3]], dtype=float32)
         """
         shape = self._height_fields("heights")
         dhfs = shape.solid.dhfs
@@ -275,7 +275,7 @@ class Model:
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
         >>> model.implicit([[10, 5, 5], [3, 3, 3]]).round()
-        array([ 4., -5.], dtype=float32)
+        array([  5., -14.], dtype=float32)
         >>> f, gradient = model.implicit([10, 5, 5], gradient=True)
         >>> gradient.shape
         (3,)
@@ -368,7 +368,7 @@ class Model:
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
         >>> model.distance([[10, 5, 5], [20, 10, 10]]).round()
-        array([ 2., -2.])
+        array([ 3., -2.])
         """
         return self._in_pieces(points, self._shape.distance) * self.container.scale
 
@@ -478,7 +478,7 @@ class Model:
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
         >>> hits = model.ray_intersect([[20, 10, 100], [20, 80, 100]], [0, 0, -1])
         >>> hits.distance.round(1)
-        array([92.1,  inf])
+        array([92., inf])
         """
         from_, along = (vectors(a, 3) for a in (origins, directions))
         try:
@@ -687,7 +687,7 @@ class Model:
         >>> import cndhf_codec
         >>> grid, origin, spacing = cndhf_codec.load("tests/golden/encoded.cndhf").occupancy(16)
         >>> grid.shape, round(spacing, 1)
-        ((22, 16, 11), 5.1)
+        ((21, 15, 11), 5.2)
         """
         grid, origin, spacing = self._shape.occupancy(resolution, self.limits)
         scale = self.container.scale
@@ -738,7 +738,7 @@ class Model:
         >>> import cndhf_codec
         >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
         >>> len(model.dumps())
-        1232
+        747
         """
         return fmt.dumps(self.container)
 
@@ -766,6 +766,6 @@ class Model:
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     model.save(pathlib.Path(folder) / "bracket.cndhf")
         ...     cndhf_codec.load(pathlib.Path(folder) / "bracket.cndhf").info["bytes"]
-        1232
+        747
         """
         write_atomically(path_like(path), self.dumps(), overwrite)

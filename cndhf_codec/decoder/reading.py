@@ -43,7 +43,7 @@ def loads(data: bytes, limits: Limits | None = None) -> Model:
     >>> import cndhf_codec
     >>> from pathlib import Path
     >>> cndhf_codec.loads(Path("tests/golden/encoded.cndhf").read_bytes()).info["bytes"]
-    1232
+    747
     """
     data = bytes_like(data)
     return Model(fmt.loads(data), fmt.section_sizes(data), limits)
@@ -83,13 +83,13 @@ def loads_prefix(data: bytes, n_dhfs: int | None = None, limits: Limits | None =
     --------
     >>> import cndhf_codec
     >>> from pathlib import Path
-    >>> data = Path("tests/must_load/rans.cndhf").read_bytes()
+    >>> data = Path("spec/vectors/accepted/rans.cndhf").read_bytes()
     >>> len(cndhf_codec.loads_prefix(data[:-4]).info["dhfs"])
     1
     >>> cndhf_codec.loads_prefix(data[:-10])
     Traceback (most recent call last):
     ...
-    cndhf_codec.errors.TruncatedError: the file ends after 96 bytes, before DHF 0 is complete
+    cndhf_codec.errors.TruncatedError: the file ends after 68 bytes, before DHF 0 is complete
     """
     n_dhfs = None if n_dhfs is None else whole_number(n_dhfs, "n_dhfs")
     return Model(fmt.loads_prefix(bytes_like(data), n_dhfs), limits=limits)
@@ -123,7 +123,7 @@ def load(path: str | os.PathLike[str], limits: Limits | None = None) -> Model:
     >>> import cndhf_codec
     >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
     >>> model.info["encoder"]
-    'cndhf-codec 0.1.0'
+    '0.1.0'
     """
     return _loads(read_bytes(path_like(path), MAX_FILE_SIZE + 1), str(Path(path)), limits)
 
@@ -158,7 +158,7 @@ def load_stream(stream: BinaryIO, name: str, limits: Limits | None = None) -> Mo
     >>> from cndhf_codec.decoder.reading import load_stream
     >>> with open("tests/golden/encoded.cndhf", "rb") as stream:
     ...     load_stream(stream, "the bracket").info["bytes"]
-    1232
+    747
     """
     try:
         data = stream.read(MAX_FILE_SIZE + 1)

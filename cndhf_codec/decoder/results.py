@@ -114,7 +114,7 @@ class RayHits(NamedTuple):
     >>> model = cndhf_codec.load("tests/golden/encoded.cndhf")
     >>> hits = model.ray_intersect([[20, 10, 100], [20, 80, 100]], [0, 0, -1])
     >>> hits.distance.round(1)
-    array([92.1,  inf])
+    array([92., inf])
     """
 
     distance: npt.NDArray[np.floating]

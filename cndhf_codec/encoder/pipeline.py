@@ -21,8 +21,9 @@ from ..decoder.reading import loads
 from ..decoder.results import TriangleMesh
 from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
 from ..format import Container, Metadata
-from ..format.constants import CODEC_RANS, CODEC_ZSTD, CRC_SIZE, HEADER_SIZE, TABLE_ENTRY_SIZE
-from ..format.writer import pack_metadata
+from ..format.bfloat16 import above
+from ..format.constants import CODEC_RANS, CODEC_ZSTD
+from ..format.writer import other_bytes, pack_metadata
 from ..mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface
 from ..mesh.distances import surface_distances
 from ..mesh.lengths import Length, parse_length
@@ -160,7 +161,7 @@ def encode(
         require("torch", "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
     # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
-    metadata = Metadata(f"cndhf-codec {__version__}", 0.0, 0.0, 0.0, named)
+    metadata = Metadata(__version__, 0.0, 0.0, 0.0, named)
     pack_metadata(metadata)
 
     deadline = Deadline(seconds)
@@ -210,8 +211,8 @@ class _HeightFields:
             from .dhf.encode import encode_dhf
 
             codec = CODEC_RANS
-            metadata_bytes = len(pack_metadata(metadata)) + TABLE_ENTRY_SIZE
-            made = encode_dhf(source.solid, settings, metadata_bytes, run.seed, run.threads, run.clock, deadline)
+            other = other_bytes(source.norm.centre, metadata, settings.target_size)
+            made = encode_dhf(source.solid, settings, other, run.seed, run.threads, run.clock, deadline)
         else:
             from .paper.encode import encode_paper
 
@@ -238,7 +239,7 @@ class _Surfaces:
         from .surface.encode import encode_surface
 
         assert isinstance(settings, SurfaceSettings)
-        other = HEADER_SIZE + CRC_SIZE + 2 * TABLE_ENTRY_SIZE + len(pack_metadata(metadata))
+        other = other_bytes(source.norm.centre, metadata, settings.target_size)
         solid = source.solid
         mesh = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
         container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=mesh)
@@ -381,9 +382,9 @@ class _Run:
         distances = measured.scaled(norm.scale)
         metadata = replace(
             self._metadata,
-            mean_error=_significant(distances.mean),
-            p99_error=_significant(distances.p99),
-            max_error=_significant(distances.maximum),
+            mean_error=above(distances.mean),
+            p99_error=above(distances.p99),
+            max_error=above(distances.maximum),
         )
         model = Model(replace(made.container, metadata=metadata))
         model.report = replace(
@@ -443,8 +444,3 @@ class _Clock:
             seconds[self._stage] = seconds.get(self._stage, 0.0) + time.perf_counter() - self._start
             self._progress(self._stage, self._total, self._total)
             self._stage = ""
-
-
-def _significant(value: float) -> float:
-    """Round to four significant digits, so that sums of floats in another order give the same bytes."""
-    return float(f"{value:.3e}")

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-# Made like PNG's: a byte that a 7-bit transfer changes, the name, then CR LF, a DOS end-of-file and LF, which a
-# conversion of line endings changes, in either direction.
-SIGNATURE = b"\x89DHF\r\n\x1a\n"
-MAJOR, MINOR = 0, 2
-MINOR_DHF = 1  # the version that a file of double height fields states: nothing in it is newer
+# Evidence for the container: ADR 041.
+SIGNATURE = b"\x89DHF"  # the first byte does not pass where only text does
+VERSION = 1
+VERSION_0 = 0x0D  # what files of 0.x, whose signature was longer, have in the version's place
 
 # Sizes in bytes.
-HEADER_SIZE = 40
-TABLE_ENTRY_SIZE = 6
-RECORD_HEAD_SIZE = 26
+FLAGS_AT = 5
+FRAME_AT = 6
+RECORD_HEAD_SIZE = 25
 CRC_SIZE = 4
 
-# Section kinds. A decoder skips an unknown kind that has the OPTIONAL bit, and refuses one that has not.
+FAR_CENTRE = 0x01  # flag: the centre is three f64 in place of three f32
+
+# Section kinds. A file has one shape, of one of the first three kinds. A decoder skips an unknown kind that has the
+# OPTIONAL bit, and refuses one that has not.
 OPTIONAL = 0x80
-KIND_RECORDS = 0x01
-KIND_WEIGHTS = 0x02
+KIND_ZSTD = 0x01
+KIND_RANS = 0x02
 KIND_SURFACE = 0x03
-KIND_METADATA = OPTIONAL | 0x01
+KIND_ENCODER = OPTIONAL | 0x01
+KIND_ERRORS = OPTIONAL | 0x02
+KIND_SOURCE = OPTIONAL | 0x03
+SHAPES = (KIND_ZSTD, KIND_RANS, KIND_SURFACE)
+METADATA = (KIND_ENCODER, KIND_ERRORS, KIND_SOURCE)
 
-# Codecs of a section.
-CODEC_RAW = 0
-CODEC_ZSTD = 1
-CODEC_RANS = 2
-CODEC_RANGE = 3
+# Codecs of weights: the kinds of their sections.
+CODEC_ZSTD = KIND_ZSTD
+CODEC_RANS = KIND_RANS
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # left out of the file, put back to decompress
-
-# What a DHF does to the solid. Other values are reserved.
-ROLE_INTERSECT = 0
+ZSTD_DESCRIPTORS = (0x20, 0x60, 0xA0)  # one segment with its size in 1, 2 or 4 bytes; no checksum, no dictionary
 
 # Along which axes a DHF's heights are mirrored in the middle of its box: bit 0 for u, bit 1 for v.
 MAX_FOLD = 3
@@ -51,13 +53,10 @@ MIN_SCALE, MAX_SCALE = 2.0**-100, 2.0**100
 # Limits. A file that exceeds one is refused before anything is allocated.
 MAX_FILE_SIZE = 16 * 2**20
 MAX_SECTIONS = 16
+MAX_LENGTH_BYTES = 4  # of a section's length
+MAX_TEXT = 255  # bytes
 MAX_DHFS = 64
 MAX_WIDTH = 128
 MAX_HIDDEN_LAYERS = 8
 MAX_PARAMETERS = 2**20
 MAX_SYMBOL = 32767
-
-# Metadata tags; unknown ones are skipped.
-TAG_ENCODER = 1
-TAG_ERROR = 2
-TAG_SOURCE = 3

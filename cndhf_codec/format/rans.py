@@ -1,4 +1,4 @@
-"""Codec 2 of the weights section: range asymmetric numeral systems (Duda, 2013) with a rounded Gaussian per tensor.
+"""Codec 2 of weights: range asymmetric numeral systems (Duda, 2013) with a rounded Gaussian per tensor.
 
 Integers only, so that every machine decodes the same symbols. A symbol is coded as the bucket of its magnitude, by the
 tensor's frequency table; then the bits below the bucket, all equally likely; then its sign, if it is not zero. A tensor
@@ -171,7 +171,7 @@ def decode(body: bytes, sizes: list[int]) -> list[Symbols]:
     """Flat symbols of tensors with these sizes. Raises LimitError or PayloadError."""
     if sum(sizes) > _most_symbols(body):
         raise LimitError(
-            f"the weights section has {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
+            f"the weights have {len(body)} bytes for {sum(sizes)} symbols; at most {FREE_SYMBOLS} and "
             f"{MAX_SYMBOLS_A_BYTE} for each byte are allowed"
         )
     try:
@@ -202,15 +202,15 @@ def _most_symbols(body: bytes) -> int:
 def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
     """Yield the tensors in turn, and check the section's end after the last one."""
     if len(body) < len(sizes) + 4:
-        raise EndedError("the weights section ends inside its scale codes")
+        raise EndedError("the weights end inside their scale codes")
     codes = body[: len(sizes)]
     largest = max(c & ~RISING for c in codes)
     if largest >= SCALE_CODES:
-        raise PayloadError(f"a scale code of the weights section is {largest}; 0 to {SCALE_CODES - 1} are allowed")
+        raise PayloadError(f"a scale code of the weights is {largest}; 0 to {SCALE_CODES - 1} are allowed")
     at = len(sizes) + 4
     state = int.from_bytes(body[at - 4 : at], "little")
     if not LOW <= state < LOW << 8:
-        raise PayloadError("the weights section starts with an impossible state")
+        raise PayloadError("the weights start with an impossible state")
     end = len(body)
     mask = (1 << TOTAL_BITS) - 1
 
@@ -220,7 +220,7 @@ def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
         state >>= bits
         while state < LOW:
             if at == end:
-                raise EndedError("the weights section ends inside its symbols")
+                raise EndedError("the weights end inside their symbols")
             state = state << 8 | body[at]
             at += 1
         return value
@@ -234,7 +234,7 @@ def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
             state = table[bucket] * (state >> TOTAL_BITS) + (state & mask) - starts[bucket]
             while state < LOW:
                 if at == end:
-                    raise EndedError("the weights section ends inside its symbols")
+                    raise EndedError("the weights end inside their symbols")
                 state = state << 8 | body[at]
                 at += 1
             if bucket == ESCAPE:
@@ -248,4 +248,4 @@ def _decoded(body: bytes, sizes: list[int]) -> Iterator[Symbols]:
             raise PayloadError(f"a weight symbol is beyond {MAX_SYMBOL}")
         yield flat.astype(np.int32)
     if state != LOW or at != end:
-        raise PayloadError("the weights section goes on after its last symbol, or is damaged")
+        raise PayloadError("the weights go on after their last symbol, or are damaged")

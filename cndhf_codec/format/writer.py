@@ -11,6 +11,7 @@ import zstandard
 from ..errors import OptionError
 from . import constants as c
 from . import rans
+from .bfloat16 import bits_above
 from .container import Container, DhfRecord, Metadata, Symbols, tensor_shapes
 from .reader import loads
 from .surface.section import encode_surface
@@ -25,21 +26,10 @@ def dumps(container: Container) -> bytes:
     unreadable file is ever written.
     """
     if container.surface is None:
-        sections, minor = _dhf_sections(container), c.MINOR_DHF
+        shape = section(container.codec, _height_fields(container))
     else:
-        sections = [(c.KIND_SURFACE, c.CODEC_RANGE, encode_surface(container.surface))]
-        minor = c.MINOR
-    metadata = pack_metadata(container.metadata)
-    if metadata:
-        sections.append((c.KIND_METADATA, c.CODEC_RAW, metadata))
-    try:
-        head = c.SIGNATURE + struct.pack(
-            "<4B3df", c.MAJOR, minor, len(sections), len(container.dhfs), *container.centre, container.scale
-        )
-    except (struct.error, OverflowError) as exc:
-        raise OptionError(f"the container does not fit the format: {exc}") from exc
-    table = b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in sections)
-    data = head + table + b"".join(body for _, _, body in sections)
+        shape = section(c.KIND_SURFACE, encode_surface(container.surface))
+    data = _head(container.centre, container.scale) + shape + pack_metadata(container.metadata)
     data += struct.pack("<I", zlib.crc32(data))
     try:
         loads(data)
@@ -48,17 +38,61 @@ def dumps(container: Container) -> bytes:
     return data
 
 
-def _dhf_sections(container: Container) -> list[tuple[int, int, bytes]]:
-    """Kind, codec and body of the sections of double height fields."""
+def other_bytes(centre: tuple[float, float, float], metadata: Metadata, size: int | None) -> int:
+    """Bytes of a file of `size` bytes besides the body of its shape; of one of up to 2 MiB where that is unknown."""
+    head = 1 + len(varint(c.MAX_FILE_SIZE // 8 - 1 if size is None else size))
+    return len(_head(centre, 1.0)) + head + len(pack_metadata(metadata)) + c.CRC_SIZE
+
+
+def _head(centre: tuple[float, float, float], scale: float) -> bytes:
+    """Signature, version, flags, centre and scale."""
+    try:
+        single = struct.pack("<3f", *centre)
+        far = struct.unpack("<3f", single) != tuple(centre)
+    except OverflowError:
+        far = True
+    try:
+        return (
+            c.SIGNATURE
+            + bytes([c.VERSION, c.FAR_CENTRE if far else 0])
+            + (struct.pack("<3d", *centre) if far else single)
+            + struct.pack("<f", scale)
+        )
+    except (struct.error, OverflowError) as exc:
+        raise OptionError(f"the container does not fit the format: {exc}") from exc
+
+
+def section(kind: int, body: bytes) -> bytes:
+    """A section: its kind, its length, its body."""
+    return bytes([kind]) + varint(len(body)) + body
+
+
+def varint(value: int) -> bytes:
+    """An unsigned integer in groups of seven bits, the lowest first (LEB128).
+
+    >>> varint(300).hex()
+    'ac02'
+    """
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def _height_fields(container: Container) -> bytes:
+    """The body of a section of double height fields."""
     zstd = container.codec == c.CODEC_ZSTD
     if not zstd and container.codec != c.CODEC_RANS:
         raise OptionError(f"the weights codec is {container.codec}; there are {c.CODEC_ZSTD} and {c.CODEC_RANS}")
+    if len(container.dhfs) > c.MAX_DHFS:
+        raise OptionError(f"there are {len(container.dhfs)} DHFs; {c.MAX_DHFS} are allowed")
     records = b"".join(_record(d, mark_wide=zstd) for d in container.dhfs)
     if zstd:
         weights = _compress(pack_symbols(container.dhfs))
     else:
         weights = rans.encode([s for d in container.dhfs for s in d.symbols])
-    return [(c.KIND_RECORDS, c.CODEC_RAW, records), (c.KIND_WEIGHTS, container.codec, weights)]
+    return bytes([len(container.dhfs)]) + records + weights
 
 
 def is_wide(symbols: Symbols) -> bool:
@@ -99,8 +133,7 @@ def _record(dhf: DhfRecord, mark_wide: bool) -> bytes:
     )
     try:
         head = struct.pack(
-            "<2B4h6h4B",
-            dhf.role,
+            "<B4h6h4B",
             dhf.fold,
             *dhf.quaternion,
             *dhf.box,
@@ -123,31 +156,24 @@ def _compress(raw: bytes) -> bytes:
 
 
 def pack_metadata(meta: Metadata) -> bytes:
-    """Body of the metadata section; empty when there is nothing to say."""
+    """The sections of metadata; empty when there is nothing to say. Raises OptionError."""
     out = b""
-    if meta.encoder is not None:
-        out += _tlv(c.TAG_ENCODER, _utf8(meta.encoder))
-    errors = (meta.mean_error, meta.p99_error, meta.max_error)
-    if any(e is not None for e in errors):
-        if any(e is None for e in errors):
+    errors = [e for e in (meta.mean_error, meta.p99_error, meta.max_error) if e is not None]
+    if errors:
+        if len(errors) < 3:
             raise OptionError("metadata: give the mean, p99 and maximum error together or none of them")
-        try:
-            out += _tlv(c.TAG_ERROR, struct.pack("<3f", *errors))
-        except OverflowError as exc:
-            raise OptionError(f"metadata: an error does not fit the format: {exc}") from exc
-    if meta.source is not None:
-        out += _tlv(c.TAG_SOURCE, _utf8(meta.source))
+        out += section(c.KIND_ERRORS, struct.pack("<3H", *map(bits_above, errors)))
+    for kind, text in ((c.KIND_ENCODER, meta.encoder), (c.KIND_SOURCE, meta.source)):
+        if text is not None:
+            out += section(kind, _utf8(text))
     return out
 
 
 def _utf8(text: str) -> bytes:
     try:
-        return text.encode()
+        out = text.encode()
     except UnicodeEncodeError as exc:
         raise OptionError(f"metadata: a text cannot be written as UTF-8: {exc}") from exc
-
-
-def _tlv(tag: int, value: bytes) -> bytes:
-    if len(value) > 255:
-        raise OptionError(f"metadata: a value of {len(value)} bytes does not fit; 255 is the most")
-    return struct.pack("<BB", tag, len(value)) + value
+    if len(out) > c.MAX_TEXT:
+        raise OptionError(f"metadata: a text of {len(out)} bytes does not fit; {c.MAX_TEXT} is the most")
+    return out

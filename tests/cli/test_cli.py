@@ -194,7 +194,7 @@ def test_decode_to_levels_of_detail(run, fails, model, tmp_path, options):
 
 def test_by_default_few_triangles_and_faces_for_every_method(run, model, tmp_path):
     out = run("decode", model, tmp_path / "a.ply")[1]
-    assert ", watertight: yes, 2 pieces" in out
+    assert ", watertight: yes, 1 piece" in out
     default = len(trimesh.load(tmp_path / "a.ply").faces)
     assert default < len(load(model).to_mesh(128).faces) / 5
     assert run("decode", model, tmp_path / "b.ply", "--faces", "300")[0] == 0
@@ -282,7 +282,7 @@ def test_damage_in_a_stream(tmp_path, model):
     command = [sys.executable, "-c", code, "-", tmp_path / "a.ply"]
     done = subprocess.run(command, input=model.read_bytes()[:-1], capture_output=True, text=False, check=False)
     assert (done.returncode, done.stdout) == (1, b"")
-    assert done.stderr.startswith(b"cndhf-decode: error: standard input: the file has")
+    assert done.stderr.startswith(b"cndhf-decode: error: standard input: the checksum does not match")
     assert not (tmp_path / "a.ply").exists()
 
 
@@ -522,7 +522,7 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
     damaged.write_bytes(model.read_bytes()[:-9])
     for name in ("decode", "info"):
         rest = [tmp_path / "a.ply"] if name == "decode" else []
-        assert "damaged.cndhf: the file has" in fails(1, name, damaged, *rest)
+        assert "damaged.cndhf: the checksum does not match" in fails(1, name, damaged, *rest)
         assert "box.ply: this is not a .cndhf file" in fails(1, name, box, *rest)
     assert "unknown mesh extension" in fails(1, "encode", model, tmp_path / "a.cndhf")
 
@@ -682,7 +682,7 @@ def test_names_that_are_not_utf8(tmp_path, model):
 def test_text_in_a_file_cannot_drive_the_terminal(run, tmp_path):
     import rawfile
 
-    data = rawfile.build(rawfile.sections(metadata=rawfile.entry(3, b"a\x1b[2Jb\nfake line")))
+    data = rawfile.build([rawfile.fields(), (rawfile.SOURCE, b"a\x1b[2Jb\nfake line")])
     (tmp_path / "a.cndhf").write_bytes(data)
     code, out, _ = run("info", tmp_path / "a.cndhf")
     assert code == 0

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from cndhf_codec import load, loads
+from cndhf_codec.format.container import fold
 
 NAMES = ["encoded.cndhf", "by-hand.cndhf"]
 
@@ -65,6 +66,7 @@ def test_heights_keep_to_the_tolerance_of_the_specification(case):
         uv = uv.astype(np.float32)
         *layers, last = zip(*[iter(t.astype(np.float64) for t in record.weights())] * 2, strict=True)
         x, omega = uv.astype(np.float64), record.omega_first
+        fold(x, record.mirrors)
         for W, b in layers:
             x, omega = np.sin(omega * (x @ W.T + b)), record.omega_hidden
         np.testing.assert_allclose(model.heights(i, uv), x @ last[0].T + last[1], atol=1e-4, rtol=0)

@@ -103,7 +103,7 @@ LARGEST = 8 * 128 * 129 + 5 * 128 + 2  # parameters of the largest network
 
 def seven_of_the_largest() -> bytes:
     wide = rawfile.record(width=128, hidden=8, codes=bytes([0x80 | 20] * 20))
-    return rawfile.build(rawfile.sections(wide * 7, rawfile.frame(bytes(2 * 7 * LARGEST))), n_dhfs=7)
+    return rawfile.build([rawfile.fields(wide * 7, rawfile.frame(bytes(2 * 7 * LARGEST)), n_dhfs=7)])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from cndhf_codec import load, loads
 from cndhf_codec.decoder.dhf import representation
-from cndhf_codec.errors import InputError, LimitError, OptionError, OutputError, TruncatedError
+from cndhf_codec.errors import ChecksumError, InputError, LimitError, OptionError, OutputError
 
 LO, HI = np.array([-0.5, -0.25, -0.125]), np.array([0.25, 0.5, 0.375])
 
@@ -168,7 +168,7 @@ def test_info_in_plain_values(tmp_path):
 
 def test_info_gives_the_size_of_the_file_and_not_of_a_copy():
     # This decoder does not know the section, so a copy would leave it out.
-    data = rawfile.build([*rawfile.sections(), (0x90, 0, bytes(1000))])
+    data = rawfile.build([rawfile.fields(), (0x90, bytes(1000))])
     assert loads(data).info["bytes"] == len(data)
 
 
@@ -189,7 +189,7 @@ def test_errors_name_the_file(tmp_path):
     with pytest.raises(OutputError, match=r"a\.cndhf.*overwrite"):
         m.save(path)
     path.write_bytes(m.dumps()[:-1])
-    with pytest.raises(TruncatedError, match=r"a\.cndhf"):
+    with pytest.raises(ChecksumError, match=r"a\.cndhf"):
         load(path)
 
 

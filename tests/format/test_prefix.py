@@ -13,7 +13,7 @@ from analytic import ABOUT_Y_90, slab, waves
 
 from cndhf_codec import Limits, loads, loads_prefix
 from cndhf_codec.errors import FormatError, OptionError, PayloadError, SectionError, TruncatedError
-from cndhf_codec.format import Metadata, dumps, rans, read_header
+from cndhf_codec.format import Metadata, dumps, rans, read_header, section_sizes
 from cndhf_codec.format.constants import CODEC_RANS
 
 
@@ -39,7 +39,7 @@ def test_each_dhf_comes_with_its_own_bytes(model):
     data = model.dumps()
     sizes = [needed(data, k) for k in (1, 2, 3)]
     records = [d.symbols for d in model.container.dhfs]
-    start = read_header(data).sections[1].offset
+    start = read_header(data).shape.offset + section_sizes(data)["records"]
     for k, size in enumerate(sizes, 1):
         # What coding these alone takes, and the scale codes of all.
         alone = len(rans.encode([s for r in records[:k] for s in r]))
@@ -96,15 +96,20 @@ def test_codec_1_has_no_prefix():
         loads_prefix(data)
 
 
-def test_records_must_come_first():
-    weights = rans.encode([np.zeros(n, np.int32) for n in (4, 2, 4, 2, 4, 2)])
-    parts = [(rawfile.WEIGHTS, CODEC_RANS, weights), (rawfile.RECORDS, rawfile.RAW, rawfile.record())]
-    assert loads(rawfile.build(parts)).container.codec == CODEC_RANS
-    with pytest.raises(SectionError, match="before the records"):
-        loads_prefix(rawfile.build(parts))
-    first = loads_prefix(rawfile.build(parts[::-1]), limits=Limits(resolution=20))
-    assert first.container.codec == CODEC_RANS
-    assert first.limits.resolution == 20
+def test_what_stands_around_the_shape(model):
+    whole = model.dumps()
+    header = read_header(whole)
+    shape = whole[header.shape.offset :][: header.shape.length]
+    data = rawfile.build([(0x90, bytes(200)), (rawfile.SOURCE, b"a"), (rawfile.RANS, shape), (0x07, b"unknown")])
+    with pytest.raises(SectionError, match="kind 7"):
+        loads(data)
+    # What follows the shape is not looked at; what comes before it is.
+    assert len(loads_prefix(data, limits=Limits(resolution=20)).container.dhfs) == 3
+    assert loads_prefix(data, limits=Limits(resolution=20)).limits.resolution == 20
+    with pytest.raises(SectionError, match="kind 7"):
+        loads_prefix(rawfile.build([(0x07, b"unknown"), (rawfile.RANS, shape)]))
+    with pytest.raises(TruncatedError, match="before its shape"):
+        loads_prefix(data[:100])
 
 
 def test_fields_are_checked_but_damage_of_weights_may_pass(model):
@@ -113,7 +118,8 @@ def test_fields_are_checked_but_damage_of_weights_may_pass(model):
         damaged = bytes(data[:at]) + bytes([data[at] ^ 0x55]) + bytes(data[at + 1 :])
         with contextlib.suppress(FormatError):
             loads_prefix(damaged)
-    impossible = bytes(data[:11]) + b"\0" + bytes(data[12:])
+    at = read_header(bytes(data)).shape.offset
+    impossible = bytes(data[:at]) + b"\0" + bytes(data[at + 1 :])
     with pytest.raises(FormatError, match="n_dhfs"):
         loads_prefix(impossible)
 

@@ -3,7 +3,7 @@
 The tests of every later version decode these files. To make one again would hide the changes that the test looks for.
 
 encoded.cndhf    a short encode of examples/bracket.ply with two axes and width 8
-by-hand.cndhf    wide symbols, an unknown optional section, every metadata entry, a far centre
+by-hand.cndhf    codec 1, wide symbols, an unknown optional section, all metadata, a centre of float64
 expected.json    SHA-256 and decoded values of both
 surface.cndhf    a ring and a closed part: two components, one open, a turned frame, sharp edges
 surface.json     SHA-256 of it, and the control mesh that it holds
@@ -57,17 +57,17 @@ def by_hand() -> bytes:
     boxes = [(-9000, 9000, -8000, 8500, -12000, 12000), (-10000, 10000, -11000, 9000, -9500, 9600)]
     turns = [(0, 0, 0, 32767), (9000, -14000, 20000, 20000)]
     records = b"".join(
-        rawfile.record(0, 0, turns[i], boxes[i], width, hidden, (30, 20), bytes(codes[8 * i : 8 * i + 8]))
+        rawfile.record(0, turns[i], boxes[i], width, hidden, (30, 20), bytes(codes[8 * i : 8 * i + 8]))
         for i in range(2)
     )
-    metadata = (
-        rawfile.entry(1, b"by hand")
-        + rawfile.entry(2, struct.pack("<3f", 0.125, 0.5, 2.0))
-        + rawfile.entry(3, "Gerät.obj".encode())
-        + rawfile.entry(99, b"of a later version")
-    )
-    parts = rawfile.sections(records, rawfile.frame(low + high), metadata)
-    return rawfile.build([(0xC0, 7, b"unknown"), *parts], n_dhfs=2, centre=(1e5, -2e5, 3.5), scale=40.0)
+    parts = [
+        (0xC0, b"of a later version"),
+        rawfile.fields(records, rawfile.frame(low + high), n_dhfs=2),
+        (rawfile.ENCODER, b"by hand"),
+        (rawfile.ERRORS, struct.pack("<3H", 0x3E00, 0x3F00, 0x4000)),  # 0.125, 0.5, 2
+        (rawfile.SOURCE, "Gerät.obj".encode()),
+    ]
+    return rawfile.build(parts, flags=1, centre=(1e5 + 0.1, -2e5, 3.5), scale=40.0)
 
 
 def values(data: bytes) -> dict:

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from cndhf_codec.errors import MeshError
+from cndhf_codec.format.writer import _head
 from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import read_mesh
 
@@ -19,7 +20,7 @@ def test_the_farthest_vertex_comes_to_the_unit_sphere(size, offset):
     n = normalisation(read_mesh((points, box.faces)))
     inside = n.apply(points)
     assert np.linalg.norm(inside, axis=1).max() == pytest.approx(1, rel=1e-6)
-    np.testing.assert_allclose(inside.max(axis=0), -inside.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(inside.max(axis=0), -inside.min(axis=0), atol=2.0**-9)
     np.testing.assert_allclose(inside * n.scale + n.centre, points, atol=1e-9 * size)
 
 
@@ -33,6 +34,15 @@ def test_the_scale_survives_the_file():
     for points in random_triangles():
         scale = normalisation(read_mesh((points, [[0, 1, 2], [0, 2, 3]]))).scale
         assert scale == np.float32(scale)
+
+
+@pytest.mark.parametrize(("offset", "n_bytes"), [(0.1, 3 * 4), (100.1, 3 * 4), (1e4 + 0.1, 3 * 4), (1e5 + 0.1, 3 * 8)])
+def test_the_centre_survives_the_file(offset, n_bytes):
+    # Of float32, unless the shape is so far away that it would no longer be in the middle.
+    box = trimesh.creation.box((1, 2, 3))
+    centre = normalisation(read_mesh((box.vertices + offset, box.faces))).centre
+    assert centre == pytest.approx((offset,) * 3, abs=1.5 * 2.0**-10)
+    assert len(_head(centre, 1.0)) == 10 + n_bytes
 
 
 def test_no_vertex_leaves_the_unit_ball():

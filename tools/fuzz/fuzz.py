@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of the reader with atheris: see README.md beside this file.
 
 A finding is any exception but a FormatError, any warning, more than 64 MB of memory, more than 100 ms for a file under
-64 KB (256 MB and 5 s for a version that holds surfaces), or a file that is accepted and does not survive being written
+64 KB (256 MB and 5 s for one with a surface), or a file that is accepted and does not survive being written
 and read again.
 """
 
@@ -21,17 +21,17 @@ import mutate
 import numpy as np
 from watch import FindingError, Watch, digest, run
 
-TESTS = Path(__file__).parent.parent.parent / "tests"
-VALID = [p.read_bytes() for name in ("golden", "must_load") for p in sorted((TESTS / name).glob("*.cndhf"))]
-SEEDS = [*VALID, *(p.read_bytes() for p in sorted((TESTS / "must_fail").glob("*.cndhf")))]
+VECTORS = Path(__file__).parent.parent.parent / "spec" / "vectors"
+VALID = [p.read_bytes() for pattern in ("*.cndhf", "accepted/*.cndhf") for p in sorted(VECTORS.glob(pattern))]
+SEEDS = [*VALID, *(p.read_bytes() for p in sorted(VECTORS.glob("refused/*.cndhf")))]
 
 
 FIELDS, SURFACES = Watch(measure.SUBJECTS["cndhf"], slowest=0.02), Watch(measure.SUBJECTS["surfaces"], slowest=1.0)
-MINOR = 9  # where a file says its minor version
 
 
 def one_input(data: bytes) -> None:
-    watch = SURFACES if data[MINOR : MINOR + 1] == b"\x02" else FIELDS
+    parts = mutate.Parts(data)
+    watch = SURFACES if parts.section(mutate.SURFACE) else FIELDS
     watch.begin()
     try:
         model = Model(fmt.loads(data))

@@ -6,6 +6,7 @@ taken apart, some are changed, and lengths and checksum are made to fit again (m
 
 from __future__ import annotations
 
+import contextlib
 import math
 import random
 import struct
@@ -17,38 +18,58 @@ import zstandard
 
 from cndhf_codec.format import rans
 from cndhf_codec.format.container import tensor_shapes
+from cndhf_codec.format.writer import varint
 
 Bytes = Callable[[bytes, int], bytes]  # (data, most bytes) -> other data: the fuzzer's own mutation
 BYTES = (0, 1, 2, 3, 7, 8, 9, 16, 30, 59, 60, 63, 64, 65, 127, 128, 129, 254, 255)
 SHORTS = (0, 1, -1, 2, 16384, -16384, 23170, 31999, 32000, 32767, -32767, -32768)
-LENGTHS = (0, 1, 2, 25, 26, 27, 255, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
+LENGTHS = (0, 1, 2, 24, 25, 26, 127, 128, 255, 2**14, 2**16, 2**21, 2**24, 2**28 - 1, 2**28, 2**35)
 FLOATS = (0.0, -0.0, 1.0, -1.0, 1e-310, 2.0**-149, 1e30, 3.4e38, 1e308, math.inf, -math.inf, math.nan)
-RECORD = struct.Struct("<2B4h6h4B")
+SINGLES = FLOATS[:8] + FLOATS[9:]
+RECORD = struct.Struct("<B4h6h4B")
+HEAD = RECORD.size
+ZSTD, RANS, SURFACE = 1, 2, 3
 
 
 class Parts:
-    """A file's header fields and sections; `dumps` puts them together whatever they are."""
+    """What stands before a file's sections, and these as lists of kind and body; `dumps` puts them together whatever
+    they are."""
 
     def __init__(self, data: bytes) -> None:
-        data = data + bytes(max(0, 44 - len(data)))
-        self.signature = data[:8]
-        self.head = bytearray(data[8:40])  # major, minor, n_sections, n_dhfs, centre, scale
+        data = data + bytes(max(0, 38 - len(data)))
+        at, end = 34 if data[5] & 1 else 22, len(data) - 4
+        self.head = bytearray(data[:at])
         self.sections: list[list] = []
-        n = min(self.head[2], 20)
-        at = 40 + 6 * n
-        for row in range(40, 40 + 6 * n, 6):
-            if row + 6 <= len(data):
-                kind, codec, length = struct.unpack_from("<BBI", data, row)
-                self.sections.append([kind, codec, data[at : min(at + length, len(data) - 4)]])
-                at += length
+        while at < end and len(self.sections) < 20:
+            kind, length, shift = data[at], 0, 0
+            while at + 1 < end:
+                at += 1
+                length |= (data[at] & 0x7F) << shift
+                shift += 7
+                if data[at] < 0x80:
+                    break
+            at += 1
+            self.sections.append([kind, data[at : min(at + length, end)]])
+            at += length
 
-    def section(self, kind: int) -> list | None:
-        return next((s for s in self.sections if s[0] == kind), None)
+    def section(self, *kinds: int) -> list | None:
+        return next((s for s in self.sections if s[0] in kinds), None)
 
-    def dumps(self) -> bytes:
-        self.head[2] = min(len(self.sections), 255)
-        table = b"".join(struct.pack("<BBI", kind, codec, len(body)) for kind, codec, body in self.sections)
-        return seal(self.signature + bytes(self.head) + table + b"".join(body for _, _, body in self.sections))
+    def dumps(self, rng: random.Random | None = None) -> bytes:
+        """The file; with `rng` a section has a length that does not fit."""
+        wrong = rng.randrange(len(self.sections)) if rng and self.sections else -1
+        out = bytes(self.head)
+        for k, (kind, body) in enumerate(self.sections):
+            length = varint(len(body))
+            if k == wrong and rng:
+                length = rng.choice((varint(rng.choice(LENGTHS)), varint(len(body) + 1), _longer(length)))
+            out += bytes([kind & 0xFF]) + length + body
+        return seal(out)
+
+
+def _longer(length: bytes) -> bytes:
+    """The same number in one byte more than it needs."""
+    return length[:-1] + bytes([length[-1] | 0x80, 0])
 
 
 def seal(body: bytes) -> bytes:
@@ -68,31 +89,32 @@ def mutate(data: bytes, most: int, seed: int, blind: Bytes, others: Sequence[byt
     parts = Parts(data)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         rng.choice(MUTATIONS)(parts, rng, blind, others)
-    out = parts.dumps()
-    if rng.random() < 0.05 and parts.sections:  # a length that does not fit
-        row = 42 + 6 * rng.randrange(len(parts.sections))
-        out = seal(out[:row] + struct.pack("<I", rng.choice(LENGTHS)) + out[row + 4 : -4])
+    out = parts.dumps(rng if rng.random() < 0.05 else None)
     return out if len(out) <= most else data[:most]
 
 
 def header(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
     field = rng.randrange(6)
+    wide = len(parts.head) == 34
     if field == 0:
-        parts.head[rng.choice((0, 1))] = rng.choice(BYTES)
-    elif field == 1:
-        parts.head[3] = rng.choice(BYTES)
+        parts.head[rng.choice((4, 5))] = rng.choice(BYTES)
+    elif field == 1:  # the centre becomes one of the other type
+        x, y, z, scale = struct.unpack("<3df" if wide else "<4f", parts.head[6:])
+        with contextlib.suppress(OverflowError):
+            parts.head[5:] = bytes([not wide]) + struct.pack("<4f" if wide else "<3df", x, y, z, scale)
     elif field < 5:
-        struct.pack_into("<d", parts.head, 4 + 8 * (field - 2), rng.choice(FLOATS))
+        layout, values = ("<d", FLOATS) if wide else ("<f", SINGLES)
+        struct.pack_into(layout, parts.head, 6 + struct.calcsize(layout) * (field - 2), rng.choice(values))
     else:
-        struct.pack_into("<f", parts.head, 28, rng.choice(FLOATS[:8] + FLOATS[9:]))
+        struct.pack_into("<f", parts.head, len(parts.head) - 4, rng.choice(SINGLES))
 
 
 def table(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
-    what = rng.randrange(6)
+    what = rng.randrange(5)
     if what == 0 or not parts.sections:
         body = blind(b"hello", 64)
-        kind = rng.choice((0, 1, 2, 3, 0x7F, 0x80, 0x81, 0xFE, 0xFF))
-        parts.sections.insert(rng.randint(0, len(parts.sections)), [kind, rng.choice(BYTES), body])
+        kind = rng.choice((0, 1, 2, 3, 4, 0x7F, 0x80, 0x81, 0x82, 0x83, 0xFE, 0xFF))
+        parts.sections.insert(rng.randint(0, len(parts.sections)), [kind, body])
         return
     section = rng.choice(parts.sections)
     if what == 1:
@@ -101,8 +123,6 @@ def table(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes
         parts.sections.append(list(section))
     elif what == 3:
         rng.shuffle(parts.sections)
-    elif what == 4:
-        section[1] = rng.choice(BYTES)
     else:
         section[0] = rng.choice(BYTES)
 
@@ -110,7 +130,7 @@ def table(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes
 def section_bytes(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
     if parts.sections:
         section = rng.choice(parts.sections)
-        section[2] = blind(section[2], 4096)
+        section[1] = blind(section[1], 4096)
 
 
 def exchange(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
@@ -121,88 +141,90 @@ def exchange(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[by
 
 
 def record_field(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
-    section = parts.section(1)
-    if section is None or len(section[2]) < 26:
+    section = parts.section(ZSTD, RANS)
+    if section is None or len(section[1]) < 1 + HEAD:
         return
-    starts = _records(section[2])
-    at = rng.choice(starts)
-    body = bytearray(section[2])
+    at = rng.choice(_records(section[1]))
+    body = bytearray(section[1])
     fields = list(RECORD.unpack_from(body, at))
     k = rng.randrange(len(fields))
-    fields[k] = rng.choice(SHORTS if 2 <= k < 12 else BYTES)
+    fields[k] = rng.choice(SHORTS if 1 <= k < 11 else BYTES)
     RECORD.pack_into(body, at, *fields)
+    if rng.random() < 0.1:
+        body[0] = rng.choice(BYTES)
     if rng.random() < 0.3:
         body[rng.randrange(len(body))] = rng.choice(BYTES)
-    section[2] = bytes(body)
+    section[1] = bytes(body)
     if rng.random() < 0.5:
         fitting_weights(parts, rng, blind, others)
 
 
 def fresh_records(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
     """Records of networks of other sizes, with weights to match."""
-    section = parts.section(1)
+    section = parts.section(ZSTD, RANS)
     if section is None:
         return
     n = rng.choice((1, 1, 1, 2, 2, 3, 3, 64))
-    body = b""
+    body = bytes([n])
     for _ in range(n):
         width, hidden = rng.choice((1, 2, 3, 5, 8) if n > 3 else (1, 2, 8, 16, 127, 128)), rng.choice((1, 1, 2, 7, 8))
         box = [v for _ in range(3) for v in sorted(rng.sample(range(-32768, 32768), 2))]
         turn = rng.choice(((0, 0, 0, 32767), (32767, 0, 0, 0), (16384, 16384, -16384, 16384)))
         codes = bytes(rng.choice((0, 1, 20, 40, 127, 128 + 20)) for _ in range(2 * (hidden + 2)))
         body += (
-            RECORD.pack(0, rng.randrange(4), *turn, *box, width, hidden, rng.choice(BYTES[1:]), rng.choice(BYTES[1:]))
+            RECORD.pack(rng.randrange(4), *turn, *box, width, hidden, rng.choice(BYTES[1:]), rng.choice(BYTES[1:]))
             + codes
         )
-    section[2] = body
-    parts.head[3] = n
+    section[1] = body
     fitting_weights(parts, rng, blind, others)
 
 
 def fitting_weights(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
-    """A weights section of exactly the symbols that the records call for."""
-    records, weights = parts.section(1), parts.section(2)
-    if records is None or weights is None:
+    """Weights of exactly the symbols that the records call for."""
+    section = parts.section(ZSTD, RANS)
+    if section is None:
         return
-    sizes, wide = _tensors(records[2], parts.head[3])
+    sizes, wide, end = _tensors(section[1])
     total = sum(sizes)
     if 0 in sizes or not 0 < total <= 2**20 or (total > 5000 and rng.random() < 0.8):  # large ones take long
         return
     values = np.random.default_rng(rng.randrange(2**32))
+    records = bytearray(section[1][:end])
     if rng.random() < 0.06 and total < 2000:  # coding takes long
         limit = rng.choice((0, 1, 3, 20, 1000, 32767))
         tensors = [values.integers(-limit, limit, n, endpoint=True).astype(np.int32) for n in sizes]
         tensors = [np.sort(abs(t)) if rng.random() < 0.3 else t for t in tensors]
-        weights[1:] = [2, rans.encode(tensors)]
         if rng.random() < 0.8:
-            codes = bytearray(records[2])
-            for at in _records(records[2]):
-                for k in range(at + 26, min(at + 26 + 2 * (codes[at + 23] + 2), len(codes))):
-                    codes[k] &= 0x7F
-            records[2] = bytes(codes)
+            for at in _records(bytes(records)):
+                for k in range(at + HEAD, min(at + HEAD + 2 * (records[at + HEAD - 3] + 2), len(records))):
+                    records[k] &= 0x7F
+        section[:] = [RANS, bytes(records) + rans.encode(tensors)]
     else:
         high = sum(n for n, w in zip(sizes, wide, strict=True) if w)
         limit = rng.choice((1, 2, 256))
         raw = values.integers(0, limit, total + high).astype(np.uint8).tobytes()
-        weights[1:] = [1, zstandard.ZstdCompressor(level=1, write_checksum=rng.random() < 0.2).compress(raw)[4:]]
+        frame = zstandard.ZstdCompressor(level=1, write_checksum=rng.random() < 0.05).compress(raw)[4:]
+        section[:] = [ZSTD, bytes(records) + frame]
 
 
 def weights_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
     """Damage below the compression (zstd), or in the scale codes, state and stream one by one (rANS)."""
-    section = parts.section(2)
-    if section is None or not section[2]:
+    section = parts.section(ZSTD, RANS)
+    if section is None:
         return
-    if section[1] == 1:
+    sizes, _, end = _tensors(section[1])
+    records, weights = section[1][:end], section[1][end:]
+    if not weights:
+        return
+    if section[0] == ZSTD:
         try:
-            raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + section[2], max_output_size=2**16)
+            raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + weights, max_output_size=2**16)
         except (zstandard.ZstdError, MemoryError):
             return
         fresh = (blind(raw, 4096) + raw)[: len(raw)] if rng.random() < 0.8 else blind(raw, 4096)
-        section[2] = zstandard.ZstdCompressor(level=1, write_content_size=rng.random() < 0.9).compress(fresh)[4:]
+        weights = zstandard.ZstdCompressor(level=1, write_content_size=rng.random() < 0.95).compress(fresh)[4:]
     else:
-        body = bytearray(section[2])
-        records = parts.section(1)
-        n = len(_tensors(records[2], parts.head[3])[0]) if records else 6
+        body, n = bytearray(weights), len(sizes)
         if rng.random() < 0.4:
             body[rng.randrange(max(1, min(n, len(body))))] = rng.randrange(62) | rng.choice((0, 0x80))
         elif rng.random() < 0.5:
@@ -211,34 +233,35 @@ def weights_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Seque
             )
         else:
             body[n + 4 :] = blind(bytes(body[n + 4 :]), 4096)
-        section[2] = bytes(body)
+        weights = bytes(body)
+    section[1] = records + weights
 
 
 def surface_inside(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
-    """Damage in the head of a surface section, or in its stream."""
-    section = parts.section(3)
-    if section is None or len(section[2]) < 6:
+    """Damage in the head of a surface, or in its stream."""
+    section = parts.section(SURFACE)
+    if section is None or len(section[1]) < 4:
         return
-    body, start = section[2], 13 if section[2][0] & 16 else 5
+    body, start = section[1], 11 if section[1][0] & 16 else 3
     if rng.random() < 0.3:
-        flags, step = rng.choice((*range(10), 16, 24, 32)), rng.choice((2.0**-30, 2.0**-6, 1.0, math.nan))
+        flags, step = rng.choice((*range(10), 16, 24, 32)), rng.choice((0x3080, 0x307F, 0x3C80, 0x3F80, 0x3F81, 0x7FC0))
         turn = rng.choice(((0, 0, 0, 32767), (16384, 16384, -16384, 16384), (0, 0, 0, 1)))
-        head = struct.pack("<Bf", flags, step) + (struct.pack("<4h", *turn) if flags & 16 else b"")
-        section[2] = head + body[start:]
+        head = struct.pack("<BH", flags, step) + (struct.pack("<4h", *turn) if flags & 16 else b"")
+        section[1] = head + body[start:]
     else:
-        section[2] = body[:start] + blind(body[start:], 4096)
+        section[1] = body[:start] + blind(body[start:], 4096)
 
 
 def metadata(parts: Parts, rng: random.Random, blind: Bytes, others: Sequence[bytes]) -> None:
-    section = parts.section(0x81)
-    if section is None:
-        section = [0x81, 0, b""]
-        parts.sections.append(section)
-    value = blind(rng.choice((b"name", struct.pack("<3f", 1, 2, 3), b"\xc3\xa9", b"")), 255)
+    kind = rng.choice((0x81, 0x82, 0x83, 0x84))
+    value = blind(rng.choice((b"name", bytes.fromhex("803f00408040"), b"\xc3\xa9", b"")), 300)
     if rng.random() < 0.5:
-        value = struct.pack("<3f", *(rng.choice(FLOATS[:8] + FLOATS[9:]) for _ in range(3)))
-    length = len(value) if rng.random() < 0.9 else rng.choice(BYTES)
-    section[2] += bytes([rng.choice((1, 2, 3, 4, 255)), length]) + value
+        value = struct.pack("<3H", *(rng.choice((0, 1, 0x3F80, 0x7F7F, 0x7F80, 0x7FC0, 0x8000)) for _ in range(3)))
+    section = parts.section(kind)
+    if section is None:
+        parts.sections.append([kind, value])
+    else:
+        section[1] = value
 
 
 MUTATIONS = (
@@ -249,21 +272,24 @@ MUTATIONS = (
 
 def _records(body: bytes) -> list[int]:
     """Where the records start, as far as they can be told."""
-    starts, at = [], 0
-    while at + 26 <= len(body) and len(starts) < 64:
+    starts, at = [], 1
+    while at + HEAD <= len(body) and len(starts) < min(body[0], 64):
         starts.append(at)
-        at += 26 + 2 * (body[at + 23] + 2)
-    return starts or [0]
+        at += HEAD + 2 * (body[at + HEAD - 3] + 2)
+    return starts or [1]
 
 
-def _tensors(body: bytes, n_dhfs: int) -> tuple[list[int], list[bool]]:
+def _tensors(body: bytes) -> tuple[list[int], list[bool], int]:
+    """Sizes of the tensors, which of them are wide, and where the records end."""
     sizes: list[int] = []
     wide: list[bool] = []
-    for at in _records(body)[:n_dhfs]:
-        if at + 26 > len(body) or body[at + 22] > 128 or body[at + 23] > 8:
+    end = 1
+    for at in _records(body):
+        if at + HEAD > len(body) or body[at + HEAD - 4] > 128 or body[at + HEAD - 3] > 8:
             break
-        shapes = tensor_shapes(body[at + 22], body[at + 23])
+        shapes = tensor_shapes(body[at + HEAD - 4], body[at + HEAD - 3])
         sizes += [math.prod(shape) for shape in shapes]
-        codes = body[at + 26 : at + 26 + len(shapes)]
+        codes = body[at + HEAD : at + HEAD + len(shapes)]
         wide += [bool(code & 0x80) for code in codes] + [False] * (len(shapes) - len(codes))
-    return sizes, wide
+        end = at + HEAD + len(shapes)
+    return sizes, wide, end

@@ -1,24 +1,22 @@
 /** Numbers that the format fixes: see spec/cndhf.md. An enum, because its members are put in place when it is built. */
 export const enum c {
-  MAJOR = 0,
-  MINOR = 2,
-  MINOR_DHF = 1,
+  VERSION = 1,
+  VERSION_0 = 0x0d, // what files of 0.x have in the version's place
 
-  HEADER_SIZE = 40,
-  TABLE_ENTRY_SIZE = 6,
-  RECORD_HEAD_SIZE = 26,
+  FLAGS_AT = 5,
+  FRAME_AT = 6,
+  RECORD_HEAD_SIZE = 25,
   CRC_SIZE = 4,
 
-  OPTIONAL = 0x80,
-  KIND_RECORDS = 0x01,
-  KIND_WEIGHTS = 0x02,
-  KIND_SURFACE = 0x03,
-  KIND_METADATA = 0x81,
+  FAR_CENTRE = 1,
 
-  CODEC_RAW = 0,
-  CODEC_ZSTD = 1,
-  CODEC_RANS = 2,
-  CODEC_RANGE = 3,
+  KIND_ZSTD = 0x01,
+  KIND_RANS = 0x02,
+  KIND_SURFACE = 0x03,
+  OPTIONAL = 0x80,
+  KIND_ENCODER = 0x81,
+  KIND_ERRORS = 0x82,
+  KIND_SOURCE = 0x83,
 
   QUATERNION_ONE = 32767,
   QUATERNION_MIN_NORM = 32000,
@@ -32,6 +30,7 @@ export const enum c {
 
   MAX_FILE_SIZE = 2 ** 24,
   MAX_SECTIONS = 16,
+  MAX_TEXT = 255,
   MAX_DHFS = 64,
   MAX_WIDTH = 128,
   MAX_HIDDEN_LAYERS = 8,

@@ -1,6 +1,6 @@
 /** Bytes to a model. */
 import { c } from "./constants.js";
-import { contents, readHeader } from "./container.js";
+import { readContainer } from "./container.js";
 import { Field } from "./dhf/field.js";
 import { DhfModel } from "./dhf/model.js";
 import { dequantised } from "./dhf/network.js";
@@ -22,30 +22,33 @@ export type Model = DhfModel | SurfaceModel;
 export async function decode(data: Uint8Array | ArrayBuffer): Promise<Model> {
   const bytes = data instanceof ArrayBuffer ? new Uint8Array(data) : data;
   if (!(bytes instanceof Uint8Array)) throw new OptionError("data is not a Uint8Array or an ArrayBuffer");
-  const header = readHeader(bytes);
-  const { surface, records, weights, metadata } = contents(header);
-  const about = readMetadata(metadata?.body);
-  if (surface) return new SurfaceModel(header, about, decodeSurface(surface.body));
-  const drafts = readRecords(records!.body, header.nDhfs);
-  const sizes = drafts.flatMap((d) => d.sizes);
-  const wide = drafts.flatMap((d) => [...d.steps].map((step) => step > 127));
+  const header = readContainer(bytes);
+  const about = readMetadata(header.bodies);
+  const body = header.bodies.get(header.kind)!;
+  if (header.kind === c.KIND_SURFACE) return new SurfaceModel(header, about, decodeSurface(body));
+  const { records, size } = readRecords(body);
+  const weights = body.subarray(size);
+  const { surface, ...others } = header.sizes;
+  header.sizes = { ...others, records: size, weights: surface! - size };
+  const sizes = records.flatMap((d) => d.sizes);
+  const wide = records.flatMap((d) => [...d.steps].map((step) => step > 127));
   let symbols: Int16Array[];
-  if (weights!.codec === c.CODEC_RANS) {
+  if (header.kind === c.KIND_RANS) {
     if (wide.includes(true)) {
       throw new FieldError("a step byte has bit 7 set, which codec 2 does not use");
     }
-    symbols = decodeRans(weights!.body, sizes);
+    symbols = decodeRans(weights, sizes);
   } else {
     const { decodeZstd, ZstdError } = await import("./zstd/weights.js");
     try {
-      symbols = decodeZstd(weights!.body, sizes, wide);
+      symbols = decodeZstd(weights, sizes, wide);
     } catch (error) {
       if (error instanceof ZstdError) throw new PayloadError(error.message);
       throw error instanceof RangeError ? new FieldError(error.message) : error;
     }
   }
   let at = 0;
-  const fields = drafts.map((record) => {
+  const fields = records.map((record) => {
     const n = record.sizes.length;
     return new Field(record, dequantised(record, symbols.slice(at, (at += n))));
   });

@@ -16,7 +16,7 @@ export class SignatureError extends FormatError {
   override name = "SignatureError";
 }
 
-/** The signature shows that a transfer has changed line endings or high bits. */
+/** The signature shows that the file was transferred as text. */
 export class TextModeError extends SignatureError {
   override name = "TextModeError";
 }
@@ -26,17 +26,12 @@ export class VersionError extends FormatError {
   override name = "VersionError";
 }
 
-/** The file ends before the data that its header announces. */
+/** The file, or a part of it, ends before what it announces. */
 export class TruncatedError extends FormatError {
   override name = "TruncatedError";
 }
 
-/** There are bytes after the checksum. */
-export class TrailingDataError extends FormatError {
-  override name = "TrailingDataError";
-}
-
-/** The checksum does not match the bytes before it: the file was damaged. */
+/** The checksum does not match the bytes before it: the file was damaged, or cut short. */
 export class ChecksumError extends FormatError {
   override name = "ChecksumError";
 }
@@ -51,7 +46,7 @@ export class LimitError extends FormatError {
   override name = "LimitError";
 }
 
-/** A section is missing, repeated, too short or too long, or of an unknown kind or codec. */
+/** A section is missing, repeated, too short, or of an unknown kind. */
 export class SectionError extends FormatError {
   override name = "SectionError";
 }

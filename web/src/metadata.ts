@@ -1,6 +1,7 @@
-/** The metadata section: spec/cndhf.md, section 5. */
-import { view } from "./container.js";
-import { FieldError, SectionError } from "./errors.js";
+/** The sections of metadata: spec/cndhf.md, section 5. */
+import { c } from "./constants.js";
+import { bfloat16, view } from "./container.js";
+import { FieldError } from "./errors.js";
 
 /** What the encoder says of the file. Errors are distances between input and decoded surface, in input units. */
 export interface Metadata {
@@ -11,31 +12,24 @@ export interface Metadata {
   maxError: number | null;
 }
 
-export function readMetadata(body: Uint8Array = new Uint8Array()): Metadata {
-  const values = new Map<number, Uint8Array>();
-  for (let at = 0; at < body.length; ) {
-    const end = at + 2 + body[at + 1]!;
-    if (!(end <= body.length)) throw new SectionError("the metadata section ends inside an entry");
-    const tag = body[at]!;
-    if (values.has(tag)) throw new SectionError(`the metadata section has tag ${tag} twice`);
-    values.set(tag, body.subarray(at + 2, end));
-    at = end;
-  }
-  const text = (tag: number): string | null => {
-    const value = values.get(tag);
-    if (!value) return null;
+export function readMetadata(bodies: Map<number, Uint8Array>): Metadata {
+  const text = (kind: number): string | null => {
+    const body = bodies.get(kind);
+    if (!body) return null;
+    if (body.length > c.MAX_TEXT) throw new FieldError(`metadata: a text has ${body.length} bytes; 255 are allowed`);
     try {
-      return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(value);
+      return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(body);
     } catch {
       throw new FieldError("metadata: a text is not UTF-8");
     }
   };
-  const value = values.get(2);
-  if (value && value.length !== 12) throw new FieldError("metadata: the error entry does not have 12 bytes");
-  const errors = [0, 4, 8].map((at) => (value ? view(value).getFloat32(at, true) : null));
-  if (!errors.every((e) => e === null || (e >= 0 && e < Infinity))) {
+  const body = bodies.get(c.KIND_ERRORS);
+  if (body && body.length !== 6) throw new FieldError(`metadata: the errors have ${body.length} bytes; they have 6`);
+  const errors = [0, 2, 4].map((at) => (body ? bfloat16(view(body), at) : null));
+  // -0 is refused, too.
+  if (!errors.every((e, k) => e === null || (body![2 * k + 1]! < 128 && e < Infinity))) {
     throw new FieldError("metadata: an error is negative or not finite");
   }
   const [meanError, p99Error, maxError] = errors as [number, number, number];
-  return { encoder: text(1), source: text(3), meanError, p99Error, maxError };
+  return { encoder: text(c.KIND_ENCODER), source: text(c.KIND_SOURCE), meanError, p99Error, maxError };
 }

@@ -1,6 +1,5 @@
 /** What models of both representations have in common. */
-import type { Contents, Header } from "./container.js";
-import { sectionSizes } from "./container.js";
+import type { Header } from "./container.js";
 import { OptionError } from "./errors.js";
 import type { Metadata } from "./metadata.js";
 import type { Mesh } from "./mesh.js";
@@ -10,9 +9,8 @@ export interface Info extends Metadata {
   representation: "dhf" | "surface";
   /** Size of the file. */
   bytes: number;
-  /** Bytes of each section; "layout" is header, table and checksum. */
+  /** Bytes of each section; "layout" is header, heads of sections and checksum. */
   sections: Record<string, number>;
-  version: [number, number];
   centre: [number, number, number];
   scale: number;
 }
@@ -35,12 +33,11 @@ export abstract class Shape {
   }
 
   get info(): Info {
-    const { version, bytes } = this.header;
+    const { bytes, sizes } = this.header;
     return {
       representation: this.representation,
       bytes,
-      sections: sectionSizes(this.header),
-      version,
+      sections: sizes,
       centre: this.centre,
       scale: this.scale,
       ...this.metadata,
@@ -69,4 +66,4 @@ export function whole(name: string, value: number, least: number, most: number):
   return value;
 }
 
-export type { Contents, Header };
+export type { Header };

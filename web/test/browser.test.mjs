@@ -1,14 +1,14 @@
 // In headless Chromium: silhouettes against those of the Python decoder, the viewer, the examples. Skipped where there is
 // no Chromium, unless CNDHF_BROWSER is set: to its path, or to 1 where it lies in a usual place.
 import assert from "node:assert/strict";
-import { existsSync, mkdirSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
-import { expected } from "./files.mjs";
 import { serve } from "./serve.mjs";
 
 const OVERLAP = 0.98;
+const silhouettes = JSON.parse(readFileSync(new URL("silhouettes.json", import.meta.url), "utf8"));
 const wish = process.env.CNDHF_BROWSER;
 const places = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
 const executablePath = wish && wish !== "1" ? wish : places.find((path) => existsSync(path));
@@ -54,7 +54,7 @@ const settled = (page) =>
 test("silhouettes agree with the Python decoder's", { skip }, async (t) => {
   const { page, complaints } = await pageAt("test/silhouettes.html");
   await page.waitForFunction(() => document.documentElement.dataset.state === "ready");
-  for (const [path, { representation, silhouette }] of Object.entries(expected)) {
+  for (const [path, { representation, silhouette }] of Object.entries(silhouettes)) {
     const wanted = [...silhouette].flatMap((digit) => [3, 2, 1, 0].map((k) => (parseInt(digit, 16) >> k) & 1));
     for (const march of representation === "dhf" ? [false, true] : [false]) {
       await t.test(`${path}, ${march ? "rays" : "mesh"}`, async () => {
@@ -69,7 +69,7 @@ test("silhouettes agree with the Python decoder's", { skip }, async (t) => {
     const [name, isOurs] = await page.evaluate(async () => {
       const { SurfaceError } = await import("/web/dist/index.js");
       const { CNDHFLoader } = await import("/web/dist/three.js");
-      const bytes = await (await fetch("/tests/must_load/rans.cndhf")).arrayBuffer();
+      const bytes = await (await fetch("/spec/vectors/accepted/rans.cndhf")).arrayBuffer();
       return new CNDHFLoader().parseAsync(bytes).catch((e) => [e.name, e instanceof SurfaceError]);
     });
     assert.deepEqual([name, isOurs], ["SurfaceError", true]);
@@ -95,12 +95,12 @@ test("the viewer", { skip }, async (t) => {
   const complained = () => page.textContent("#error");
 
   await t.test("opens files of both kinds, with everything shown", async () => {
-    for (const path of ["web/test/vectors/creases.cndhf", "tests/golden/surface.cndhf", "examples/bracket.cndhf",
-      "web/test/vectors/fields-zstd.cndhf"]) {
+    for (const path of ["spec/vectors/surface-creases.cndhf", "tests/golden/surface.cndhf", "examples/bracket.cndhf",
+      "spec/vectors/dhf-zstd.cndhf"]) {
       await open(path);
       assert.equal(await complained(), "", path);
       assert.match(await said(), /\d+ triangles/);
-      const isDhf = /bracket|fields/.test(path);
+      const isDhf = /bracket|dhf/.test(path);
       for (const id of isDhf ? ["wireframe", "colours"] : ["wireframe", "control", "creases"]) await set(id, true);
       await shoot(page, path.split("/").pop());
       for (const id of isDhf ? ["wireframe", "colours"] : ["wireframe", "control", "creases"]) await set(id, false);
@@ -140,7 +140,7 @@ test("the viewer", { skip }, async (t) => {
     assert.deepEqual(nameless, []);
   });
   await t.test("says what is wrong with a damaged file", async () => {
-    await open("tests/must_fail/checksum-flipped.cndhf");
+    await open("spec/vectors/refused/checksum-flipped.cndhf");
     assert.match(await complained(), /^ChecksumError: .*damaged/);
     await shoot(page, "damaged");
   });

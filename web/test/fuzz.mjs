@@ -4,7 +4,7 @@
 // and lengths and checksum are made to fit again, most of the time. What decodes is asked for a point and a mesh.
 import { pathToFileURL } from "node:url";
 import { CndhfError, decode } from "../dist/index.js";
-import { bytesOf, expected, rowsOf } from "./files.mjs";
+import { bytesOf, expected, rowsOf, vector } from "./files.mjs";
 
 const SLOW = 10_000; // milliseconds: a file that takes longer counts as a hang
 const BYTES = [0, 1, 2, 3, 7, 8, 16, 30, 59, 60, 63, 64, 127, 128, 129, 254, 255];
@@ -32,24 +32,30 @@ export function crc32(bytes) {
 }
 
 function partsOf(bytes) {
-  const data = new DataView(bytes.buffer, bytes.byteOffset);
-  const n = bytes[10];
-  let at = 40 + 6 * n;
-  const sections = Array.from({ length: n }, (_, i) => {
-    const size = data.getUint32(42 + 6 * i, true);
-    return { kind: bytes[40 + 6 * i], codec: bytes[41 + 6 * i], body: [...bytes.subarray(at, (at += size))] };
-  });
-  return { head: [...bytes.subarray(0, 40)], sections };
+  const head = bytes[5] ? 34 : 22;
+  const sections = [];
+  for (let at = head; at < bytes.length - 4; ) {
+    const kind = bytes[at];
+    let [size, shift] = [0, 0];
+    do {
+      size += (bytes[++at] & 127) << shift;
+      shift += 7;
+    } while (bytes[at] > 127);
+    sections.push({ kind, body: [...bytes.subarray(++at, (at += size))] });
+  }
+  return { head: [...bytes.subarray(0, head)], sections };
 }
 
 function joined({ head, sections }, chance) {
   const out = [...head];
-  if (chance() < 0.95) out[10] = sections.length & 255;
-  for (const { kind, codec, body } of sections) {
-    const size = chance() < 0.99 ? body.length : body.length + Math.floor(chance() * 5) - 2;
-    out.push(kind, codec, size & 255, (size >> 8) & 255, (size >> 16) & 255, (size >> 24) & 255);
+  for (const { kind, body } of sections) {
+    let size = chance() < 0.99 ? body.length : Math.max(0, body.length + Math.floor(chance() * 5) - 2);
+    out.push(kind);
+    for (; size > 127; size >>= 7) out.push((size & 127) | 128);
+    if (chance() < 0.99) out.push(size);
+    else out.push(size | 128, 0); // a byte more than it needs
+    for (const byte of body) out.push(byte);
   }
-  for (const { body } of sections) for (const byte of body) out.push(byte);
   const crc = chance() < 0.98 ? crc32(out) : 0;
   out.push(crc & 255, (crc >>> 8) & 255, (crc >>> 16) & 255, crc >>> 24);
   return Uint8Array.from(out);
@@ -78,10 +84,9 @@ function damaged(seeds, chance) {
     const section = parts.sections[Math.floor(chance() * parts.sections.length)];
     if (what < 0.85 && section) damage(section.body, chance);
     else if (what < 0.92) {
-      const at = 8 + Math.floor(chance() * 32);
+      const at = 4 + Math.floor(chance() * (parts.head.length - 4));
       parts.head[at] = BYTES[Math.floor(chance() * BYTES.length)];
-    } else if (what < 0.95 && section) section.codec = Math.floor(chance() * 5);
-    else if (what < 0.97 && section) section.kind = [1, 2, 3, 0x81, 0x90, 4][Math.floor(chance() * 6)];
+    } else if (what < 0.97 && section) section.kind = [1, 2, 3, 0x81, 0x82, 0x83, 0x90, 4][Math.floor(chance() * 8)];
     else if (what < 0.985) parts.sections.push(...pick().sections.slice(0, 1));
     else parts.sections.splice(Math.floor(chance() * parts.sections.length), 1);
   }
@@ -106,8 +111,8 @@ async function use(bytes, chance) {
 /** Decode so many damaged files; how many were refused, by the name of the error, and the slowest. */
 export async function fuzz(nFiles, seed) {
   const seeds = [
-    ...Object.keys(expected),
-    ...rowsOf("tests/must_load").map(([name]) => `tests/must_load/${name}`),
+    ...Object.keys(expected).map(vector),
+    ...rowsOf("spec/vectors/accepted").map(([name]) => `spec/vectors/accepted/${name}`),
   ].map(bytesOf);
   const results = {};
   let slowest = 0;

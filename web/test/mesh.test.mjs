@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { decode, SurfaceError } from "../dist/index.js";
-import { bytesOf } from "./files.mjs";
+import { bytesOf, vector } from "./files.mjs";
 
 /** Volume, and whether each edge is passed once in either direction. */
 function solid({ positions: p, index }) {
@@ -22,7 +22,7 @@ function solid({ positions: p, index }) {
 }
 
 const DHFS = ["examples/bracket.cndhf", "tests/golden/encoded.cndhf", "tests/golden/by-hand.cndhf",
-  "web/test/vectors/fields-rans.cndhf", "web/test/vectors/fields-zstd.cndhf", "web/test/vectors/fields-rising.cndhf"];
+  vector("dhf-rans"), vector("dhf-zstd"), vector("dhf-rans-rising")];
 
 for (const path of DHFS) {
   test(`marching cubes of ${path}`, async () => {
@@ -60,7 +60,7 @@ for (const path of DHFS) {
 
 test("surfaces are closed and face outward", async () => {
   for (const name of ["smooth", "all-sharp", "creases"]) {
-    const model = await decode(bytesOf(`web/test/vectors/${name}.cndhf`));
+    const model = await decode(bytesOf(vector(`surface-${name}`)));
     for (const level of [0, 1, 2]) {
       const mesh = await model.toMesh({ level });
       if (name === "smooth") assert.ok(solid(mesh).closed);
@@ -70,17 +70,17 @@ test("surfaces are closed and face outward", async () => {
 });
 
 test("an empty solid has no mesh", async () => {
-  const model = await decode(bytesOf("tests/must_load/rans.cndhf"));
+  const model = await decode(bytesOf("spec/vectors/accepted/rans.cndhf"));
   await assert.rejects(model.toMesh(), SurfaceError);
 });
 
 test("the finest meshes are refused where they are too large", async () => {
-  const model = await decode(bytesOf("web/test/vectors/genus.cndhf"));
+  const model = await decode(bytesOf(vector("surface-genus")));
   assert.equal((await model.toMesh({ level: 6 })).index.length, 3 * 100 * 4 ** 6);
 });
 
 test("points far away, and points that are no numbers, are outside", async () => {
-  for (const path of ["web/test/vectors/smooth.cndhf", "examples/bracket.cndhf"]) {
+  for (const path of [vector("surface-smooth"), "examples/bracket.cndhf"]) {
     const model = await decode(bytesOf(path));
     const points = [NaN, 0, 0, 0, NaN, 0, 0, 0, NaN, Infinity, 0, 0, 1e300, -1e300, 1e300, -1e9, 0, 0];
     assert.deepEqual([...model.contains(points)], [0, 0, 0, 0, 0, 0], path);

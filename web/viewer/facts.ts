@@ -26,6 +26,5 @@ export function factsOf(model: Model, mesh: Mesh | null): [string, string][] {
   for (const [name, value] of errors) if (value !== null) rows.push([name, number(value)]);
   if (info.encoder) rows.push(["Encoder", info.encoder]);
   if (info.source) rows.push(["Source", info.source]);
-  rows.push(["Format", info.version.join(".")]);
   return rows;
 }

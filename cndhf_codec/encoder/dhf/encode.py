@@ -31,15 +31,15 @@ ROWS = 2048  # of the product that is timed
 def encode_dhf(
     solid: Solid,
     settings: DhfSettings,
-    metadata_bytes: int,
+    other_bytes: int,
     seed: int,
     threads: int,
     stage: Stage,
     deadline: Deadline,
 ) -> Encoded:
-    """Encode a solid. metadata_bytes: size of the metadata section with its row in the section table."""
+    """Encode a solid. other_bytes: of the file, besides the body of its shape."""
     with one_torch_thread(), ThreadPool(threads) as pool:
-        job = Job(solid, settings.within(deadline.left()).for_size(), metadata_bytes, seed, pool, stage)
+        job = Job(solid, settings.within(deadline.left()).for_size(), other_bytes, seed, pool, stage)
         plan = make_plan(job, deadline.part(PLAN_SHARE))
         if plan.visible == 0:
             return Encoded([], 0.0, 0.0, 0.0)

@@ -14,11 +14,11 @@ from .widths import widths_for
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What all stages need. metadata_bytes: size of the metadata section with its row in the section table."""
+    """What all stages need. other_bytes: of the file, besides the body of its shape."""
 
     solid: Solid
     settings: DhfSettings
-    metadata_bytes: int
+    other_bytes: int
     seed: int
     threads: ThreadPool
     stage: Stage
@@ -43,4 +43,4 @@ class Plan:
 
 def with_shares(plan: Plan, shares: list[float], job: Job) -> Plan:
     """Return the plan with other shares, and the widths that follow from them."""
-    return replace(plan, shares=shares, widths=widths_for(job.settings, shares, job.metadata_bytes))
+    return replace(plan, shares=shares, widths=widths_for(job.settings, shares, job.other_bytes))

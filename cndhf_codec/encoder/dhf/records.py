@@ -52,5 +52,5 @@ def finest_codes(networks: Networks) -> I64:
 
 
 def coded_size(records: list[DhfRecord]) -> int:
-    """Size of the weights section, in bytes."""
+    """Size of the weights, in bytes."""
     return len(rans.encode([s for r in records for s in r.symbols]))

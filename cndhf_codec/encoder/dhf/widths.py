@@ -10,9 +10,9 @@ from ...format.constants import MAX_WIDTH
 from ...format.container import parameter_count
 from .settings import DhfSettings
 
-FILE_BYTES = 40 + 2 * 6 + 4 + 4  # header, section table, checksum and coder state of a file without metadata
-RECORD_BYTES = 40  # of a field, without its step codes
-FIELD_BYTES = RECORD_BYTES + 14  # record and scale codes of a field of five hidden layers
+STATE_BYTES = 1 + 4  # the number of fields, and the state of the coder
+RECORD_BYTES = 25 + 14  # of a field of five hidden layers
+FIELD_BYTES = RECORD_BYTES + 14  # record and scale codes
 # Evidence for these constants: ADR 007; SIZE_AIM: 026; BASE_OMEGA_WIDTH, MOST_OMEGA_FACTOR: 009.
 SIZE_AIM = 0.98  # widths and rounding aim at this share of the target size: the size is known only afterwards
 LEAST_FITTED_WIDTH = 5
@@ -23,7 +23,7 @@ WIDEST_EQUAL, SHARE_POWER, LEAST_SHARE = 25, 0.5, 1e-3
 BASE_OMEGA_WIDTH, MOST_OMEGA_FACTOR = 24, 1.5
 
 
-def widths_for(settings: DhfSettings, shares: list[float], metadata_bytes: int) -> list[int]:
+def widths_for(settings: DhfSettings, shares: list[float], other_bytes: int) -> list[int]:
     """Return the given width, or widths at which networks, one per share (see `Plan.shares`), fill the target size at
     the preset's bits per weight. The list is empty where there is no room.
 
@@ -34,7 +34,7 @@ def widths_for(settings: DhfSettings, shares: list[float], metadata_bytes: int) 
     if settings.width is not None:
         return [settings.width] * len(shares)
     assert settings.target_size is not None
-    room = settings.target_size * SIZE_AIM - FILE_BYTES - metadata_bytes - len(shares) * FIELD_BYTES
+    room = settings.target_size * SIZE_AIM - STATE_BYTES - other_bytes - len(shares) * FIELD_BYTES
     parameters = room * 8 / settings.bits
     size = partial(parameter_count, hidden_layers=settings.hidden_layers)
     width = 0

@@ -22,6 +22,7 @@ import numpy as np
 
 from ...arrays import I64
 from ...format import ControlMesh
+from ...format.bfloat16 import above
 from ...format.surface.section import UNTURNED, encode_surface
 from ..deadline import Deadline
 from ..progress import Stage
@@ -154,7 +155,7 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
 
     step, best = ideal, None
     for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
-        step = float(np.float32(min(max(step, 2.0**-17), 0.1)))
+        step = above(min(max(step, 2.0**-17), 0.1))
         made = at(step, rounding.to(step))
         n_bytes = len(made.body)
         if best is None or (n_bytes <= size and (len(best.body) > size or n_bytes > len(best.body))):
@@ -166,12 +167,12 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
         step = step * 2.0 ** (-bits / (3 * len(one.control)))
         if not ideal / MOST_COARSER <= step <= ideal * coarsest:
             step = min(max(step, ideal / MOST_COARSER), ideal * coarsest)
-            if abs(math.log(step / made.mesh.step)) < 1e-3:
+            if above(step) == made.mesh.step:
                 break
     assert best is not None
     # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
     for coarser in (1.0, 1.01):
-        step = float(np.float32(best.mesh.step * coarser))
+        step = above(best.mesh.step * coarser)
         grid = best.mesh.positions.astype(np.int64) if coarser == 1 else rounding.to(step)
         made = at(step, polished(one.basis, target, grid, step))
         if len(made.body) <= max(size, len(best.body)):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import FieldError, OptionError, PayloadError, SectionError
 from .. import constants as c
+from ..bfloat16 import bits_above, from_bits
 from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
 from .manifold import Ints
@@ -16,7 +17,7 @@ from .marks import decode_marks, encode_marks
 from .positions import EIGHTHS, best_eighths, code_positions
 from .range_coder import RangeDecoder, RangeEncoder
 
-HEAD_SIZE = 5  # flags, step
+HEAD_SIZE = 3  # flags, step
 ROTATED = 0x10  # flag: a quaternion follows the step
 UNTURNED = (0, 0, 0, c.QUATERNION_ONE)
 LEAST_STEP, MOST_STEP = 2.0**-30, 1.0  # normalised units
@@ -40,9 +41,12 @@ def encode_surface(mesh: ControlMesh) -> bytes:
     eighths = best_eighths(faces, positions)
     code_positions(encoder, faces, eighths, positions)
     try:
-        head = struct.pack("<Bf", eighths | (ROTATED if turned else 0), mesh.step)
+        step = bits_above(mesh.step)
+        if from_bits(step) != mesh.step:
+            raise OptionError(f"field step of the control mesh is {mesh.step}, which is no bfloat16")
+        head = struct.pack("<BH", eighths | (ROTATED if turned else 0), step)
         head += struct.pack("<4h", *mesh.quaternion) if turned else b""
-    except (struct.error, OverflowError) as exc:
+    except struct.error as exc:
         raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
     return head + encoder.finish()
 
@@ -51,7 +55,8 @@ def decode_surface(body: bytes) -> ControlMesh:
     """Read the section. Raises a subclass of FormatError."""
     if len(body) < HEAD_SIZE:
         raise SectionError(f"the surface section has {len(body)} bytes; it has at least {HEAD_SIZE}")
-    flags, step = struct.unpack_from("<Bf", body)
+    flags, step_bits = struct.unpack_from("<BH", body)
+    step = from_bits(step_bits)
     eighths, at = flags & 0x0F, HEAD_SIZE
     if flags & ~(0x0F | ROTATED):
         raise FieldError(f"surface: field flags is {flags}; bits 5 to 7 are reserved")
@@ -94,6 +99,7 @@ def _least_first(faces: Ints) -> Ints:
 
 def check_quaternion(quaternion: tuple[int, int, int, int], name: str) -> None:
     """Raise FieldError where a quaternion of integers has a wrong norm."""
-    norm = math.hypot(*quaternion)
-    if not c.QUATERNION_MIN_NORM <= norm <= c.QUATERNION_MAX_NORM:
+    square = sum(x * x for x in quaternion)
+    if not c.QUATERNION_MIN_NORM**2 <= square <= c.QUATERNION_MAX_NORM**2:
+        norm = math.sqrt(square)
         raise FieldError(f"{name}: field quaternion has norm {norm:.0f}; it must be near {c.QUATERNION_ONE}")

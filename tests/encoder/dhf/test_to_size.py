@@ -12,7 +12,7 @@ from cndhf_codec.encoder.dhf.rounding import to_size
 from cndhf_codec.errors import EncodeError
 
 SIZE = 4096
-ROOM = SIZE - to_size.FILE_BYTES - 30 - 2 * to_size.RECORD_BYTES
+ROOM = SIZE - 30 - 1 - 2 * to_size.RECORD_BYTES
 
 
 class Attempts:

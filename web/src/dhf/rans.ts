@@ -1,4 +1,4 @@
-/** Codec 2 of the weights section, rANS with a rounded Gaussian per tensor: spec/cndhf.md, section 3.2. */
+/** Codec 2 of weights: rANS with a rounded Gaussian per tensor: spec/cndhf.md, section 3.2. */
 import { c } from "../constants.js";
 import { view } from "../container.js";
 import { LimitError, PayloadError } from "../errors.js";
@@ -54,25 +54,25 @@ export function decodeRans(body: Uint8Array, sizes: number[]): Int16Array[] {
   const total = sizes.reduce((a, b) => a + b);
   if (total > FREE_SYMBOLS + SYMBOLS_PER_BYTE * body.length) {
     throw new LimitError(
-      `the weights section has ${body.length} bytes for ${total} symbols, which are too many`,
+      `the weights have ${body.length} bytes for ${total} symbols, which are too many`,
     );
   }
   let at = sizes.length + 4;
-  if (body.length < at) throw new PayloadError("the weights section ends inside its scale codes");
+  if (body.length < at) throw new PayloadError("the weights end inside their scale codes");
   const codes = body.subarray(0, sizes.length);
   const largest = codes.reduce((most, code) => Math.max(most, code & 127), 0);
   if (largest >= SCALE_CODES) {
     throw new PayloadError(
-      `a scale code of the weights section is ${largest}; 0 to ${SCALE_CODES - 1} are allowed`,
+      `a scale code of the weights is ${largest}; 0 to ${SCALE_CODES - 1} are allowed`,
     );
   }
   let state = view(body).getUint32(at - 4, true);
   if (state < LOW || state >= 256 * LOW) {
-    throw new PayloadError("the weights section starts with an impossible state");
+    throw new PayloadError("the weights start with an impossible state");
   }
   const refill = (): void => {
     while (state < LOW) {
-      if (at === body.length) throw new PayloadError("the weights section ends inside its symbols");
+      if (at === body.length) throw new PayloadError("the weights end inside their symbols");
       state = (state << 8) | body[at++]!;
     }
   };
@@ -106,7 +106,7 @@ export function decodeRans(body: Uint8Array, sizes: number[]): Int16Array[] {
     return symbols;
   });
   if (state !== LOW || at !== body.length) {
-    throw new PayloadError("the weights section goes on after its last symbol, or is damaged");
+    throw new PayloadError("the weights go on after their last symbol, or are damaged");
   }
   return out;
 }

@@ -1,7 +1,7 @@
 /** The records of double height fields, without their weights: spec/cndhf.md, section 2. */
 import { c } from "../constants.js";
 import { checkQuaternion, inRange, view } from "../container.js";
-import { FieldError, LimitError, SectionError } from "../errors.js";
+import { FieldError, LimitError, TruncatedError } from "../errors.js";
 
 export interface DhfRecord {
   /** Bit 0: heights are mirrored in the middle of the box in u; bit 1: in v. */
@@ -20,21 +20,25 @@ export interface DhfRecord {
   sizes: number[];
 }
 
-export function readRecords(body: Uint8Array, nDhfs: number): DhfRecord[] {
+/** Records, and where they end. */
+export function readRecords(body: Uint8Array): { records: DhfRecord[]; size: number } {
   const data = view(body);
   const records: DhfRecord[] = [];
-  let at = 0;
+  if (!body.length) throw new TruncatedError("the records end before DHF 0");
+  const nDhfs = body[0]!;
+  inRange("field n_dhfs", nDhfs, 1, c.MAX_DHFS);
+  let at = 1;
   let parameters = 0;
   for (let i = 0; i < nDhfs; i++) {
     const name = `DHF ${i}`;
     const need = (size: number): void => {
-      if (body.length < at + size) throw new SectionError(`the records section ends inside ${name}`);
+      if (body.length < at + size) throw new TruncatedError(`the records end inside ${name}`);
     };
     need(c.RECORD_HEAD_SIZE);
-    const [role, fold] = [body[at]!, body[at + 1]!];
-    const shorts = Array.from({ length: 10 }, (_, k) => data.getInt16(at + 2 + 2 * k, true));
+    const fold = body[at]!;
+    const shorts = Array.from({ length: 10 }, (_, k) => data.getInt16(at + 1 + 2 * k, true));
     const [quaternion, box] = [shorts.slice(0, 4), shorts.slice(4)];
-    const [width, hiddenLayers, omegaFirst, omegaHidden] = [22, 23, 24, 25].map((k) => body[at + k]!) as [
+    const [width, hiddenLayers, omegaFirst, omegaHidden] = [21, 22, 23, 24].map((k) => body[at + k]!) as [
       number, number, number, number,
     ];
     at += c.RECORD_HEAD_SIZE;
@@ -44,7 +48,6 @@ export function readRecords(body: Uint8Array, nDhfs: number): DhfRecord[] {
     need(nTensors);
     const steps = body.subarray(at, at + nTensors);
     at += nTensors;
-    if (role) throw new FieldError(`${name}: field role is ${role}; 0 is allowed`);
     if (fold > 3) throw new FieldError(`${name}: field fold is ${fold}; 0 to 3 are allowed`);
     checkQuaternion(quaternion, name);
     for (let k = 0; k < 6; k += 2) {
@@ -61,11 +64,8 @@ export function readRecords(body: Uint8Array, nDhfs: number): DhfRecord[] {
       fold, quaternion, box: box.map((x) => x * c.BOX_STEP), width, hiddenLayers, omegaFirst, omegaHidden, steps, sizes,
     });
   }
-  if (at !== body.length) {
-    throw new SectionError(`the records section has ${body.length - at} bytes after its last DHF`);
-  }
   if (parameters > c.MAX_PARAMETERS) {
     throw new LimitError(`the networks have ${parameters} parameters; ${c.MAX_PARAMETERS} are allowed`);
   }
-  return records;
+  return { records, size: at };
 }

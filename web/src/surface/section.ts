@@ -1,5 +1,5 @@
 /** The surface section: bytes to a control mesh. See spec/cndhf.md, section 4. */
-import { checkQuaternion, view } from "../container.js";
+import { bfloat16, checkQuaternion, view } from "../container.js";
 import { FieldError, PayloadError, SectionError } from "../errors.js";
 import { decodeConnectivity } from "./connectivity.js";
 import { type Edges, edgesOf } from "./manifold.js";
@@ -7,7 +7,7 @@ import { decodeMarks } from "./marks.js";
 import { decodePositions } from "./positions.js";
 import { RangeDecoder } from "./rangeCoder.js";
 
-const HEAD_SIZE = 5;
+const HEAD_SIZE = 3;
 const ROTATED = 0x10;
 const MAX_EIGHTHS = 8;
 
@@ -32,7 +32,7 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
   const data = view(body);
   const flags = body[0]!;
   const eighths = flags & 15;
-  const step = data.getFloat32(1, true);
+  const step = bfloat16(data, 1);
   if (flags & 0xe0) throw new FieldError(`surface: field flags is ${flags}; bits 5 to 7 are reserved`);
   if (eighths > MAX_EIGHTHS) {
     throw new FieldError(`surface: field eighths is ${eighths}; 0 to ${MAX_EIGHTHS} are allowed`);

@@ -3,7 +3,7 @@
 export class ZstdError extends Error {}
 
 export function damaged(why: string): never {
-  throw new ZstdError(`the weights section does not decompress (zstd: ${why})`);
+  throw new ZstdError(`the weights do not decompress (zstd: ${why})`);
 }
 
 /** Reads from the last bit, marked by a 1 above it, to the first. */

@@ -97,7 +97,7 @@ def _options(job: Job) -> list[Plan]:
     most = 1 if costs.visible == 0 else settings.max_axes
     options: list[Plan] = []
     for count in range(1, most + 1):
-        if not widths_for(settings, [1.0] * count, job.metadata_bytes):
+        if not widths_for(settings, [1.0] * count, job.other_bytes):
             break
         for chosen in costs.sets(count):
             frames = [frame_with_mirrors(costs.axes[i], job.solid.vertices, planes) for i in chosen]
@@ -105,7 +105,7 @@ def _options(job: Job) -> list[Plan]:
             if any(f.fold for f in frames):
                 bound += max(p.error for p in planes) / 2
             shares = costs.shares(chosen).tolist()
-            widths = widths_for(settings, shares, job.metadata_bytes)
+            widths = widths_for(settings, shares, job.other_bytes)
             options.append(Plan(frames, shares, widths, bound, costs.covered(chosen), costs.visible))
     return options
 

@@ -12,7 +12,7 @@ from ..fit.loss import JointLoss
 from ..job import Job, Plan
 from ..network.siren import Networks
 from ..records import coded_size, records_of, symbols_of
-from ..widths import FILE_BYTES, RECORD_BYTES, SIZE_AIM
+from ..widths import RECORD_BYTES, SIZE_AIM
 from .feedback import Rounding, gauss_newton_matrices, relative_steps, round_networks, step_codes
 from .gauss_newton import Draw
 from .symmetries import fold_biases
@@ -28,7 +28,7 @@ BITS_RANGE = (3.0, 12.0)  # per weight
 def round_to_size(job: Job, plan: Plan, networks: Networks, loss: JointLoss, deadline: Deadline) -> list[DhfRecord]:
     """Round the networks so that the file has the target size. Raises EncodeError when no attempt is small enough."""
     settings = job.settings
-    fixed = FILE_BYTES + job.metadata_bytes + RECORD_BYTES * len(networks)
+    fixed = job.other_bytes + 1 + RECORD_BYTES * len(networks)
     room = None if settings.target_size is None else settings.target_size - fixed
     aim = 0.0 if room is None else room * SIZE_AIM
     networks = fold_biases(networks)

@@ -1,0 +1,89 @@
+"""The reference decoder: it agrees with every vector, and is what it says of itself: short, and on its own."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from places import ROOT
+
+SPEC = ROOT / "spec"
+sys.path.append(str(SPEC))
+
+import reference  # noqa: E402
+import reference_shape  # noqa: E402
+
+VECTORS = SPEC / "vectors"
+EXPECTED = json.loads((VECTORS / "expected.json").read_text("utf-8"))
+MODULES = sorted(SPEC.glob("*.py"))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: p.name)
+def test_it_is_short_and_shares_no_code(path):
+    text = path.read_text("utf-8")
+    assert len(text.splitlines()) < 400
+    imported = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            imported.add(node.module)
+    allowed = sys.stdlib_module_names | {"numpy", "zstandard"} | {p.stem for p in MODULES}
+    assert {name.split(".")[0] for name in imported} <= allowed
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_vector(name):
+    wanted = EXPECTED[name]
+    data = (VECTORS / f"{name}.cndhf").read_bytes()
+    assert hashlib.sha256(data).hexdigest() == wanted["sha256"]
+    shape = reference.decode(data)
+    assert shape["centre"].tolist() == wanted["centre"]
+    for key in ("scale", "encoder", "source", "errors"):
+        assert shape[key] == wanted[key]
+    if "dhfs" in shape:
+        for dhf, heights in zip(shape["dhfs"], wanted["heights"], strict=True):
+            np.testing.assert_allclose(reference_shape.heights(dhf, wanted["uv"]), heights, atol=1e-8)
+        f = reference_shape.implicit(shape, wanted["points"])
+        np.testing.assert_allclose(f, wanted["f"], atol=1e-8 * shape["scale"])
+        assert (f > 0).astype(int).tolist() == wanted["contains"]
+        return
+    mesh = shape["mesh"]
+    stored = json.loads(json.dumps({key: mesh[key] for key in ("quaternion", "step", "positions", "faces", "sharp")}))
+    assert stored == {key: wanted[key] for key in stored}
+    assert reference_shape.is_solid(mesh) == wanted["solid"]
+    level = reference_shape.Level(reference_shape.control_vertices(mesh), mesh["faces"], mesh["sharp"])
+    for number in range(len(wanted["levels"])):
+        corners = wanted["levels"][number]["corners"]
+        points, normals = shape["centre"] + shape["scale"] * level.limit(), level.normals()
+        names = np.arange(len(mesh["faces"]))
+        for _ in range(number):
+            names = (4 * names + np.arange(4)[:, None]).ravel()
+        for face, corner, *values in corners:
+            f = int(np.flatnonzero(names == face)[0])
+            np.testing.assert_allclose(points[level.faces[f][corner]], values[:3], atol=1e-8 * shape["scale"])
+            np.testing.assert_allclose(normals[f, corner], values[3:], atol=1e-6)
+        level = level.next()
+    if wanted["solid"]:
+        vertices = level.limit()
+        for point, inside in zip(wanted["points"], wanted["contains"], strict=True):
+            at = (np.array(point) - shape["centre"]) / shape["scale"]
+            assert (reference_shape.winding(vertices, level.faces, at) > 0.5) == inside
+
+
+@pytest.mark.parametrize("path", sorted(VECTORS.glob("refused/*.cndhf")), ids=lambda p: p.stem)
+def test_refused(path: Path):
+    with pytest.raises(reference.RefusedError):
+        reference.decode(path.read_bytes())
+
+
+@pytest.mark.parametrize("path", sorted(VECTORS.glob("accepted/*.cndhf")), ids=lambda p: p.stem)
+def test_accepted(path: Path):
+    tensors = reference.decode((VECTORS / "accepted/valid.cndhf").read_bytes())["dhfs"][0]["tensors"]
+    (dhf,) = reference.decode(path.read_bytes())["dhfs"]
+    assert all(np.array_equal(a, b) for a, b in zip(dhf["tensors"], tensors, strict=True))
