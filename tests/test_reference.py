@@ -76,6 +76,17 @@ def test_vector(name):
             assert (reference_shape.winding(vertices, level.faces, at) > 0.5) == inside
 
 
+def test_the_files_that_the_specification_prints():
+    blocks = (SPEC / "cndhf.md").read_text("utf-8").split("```")[1::2]
+    fields, surface = (
+        reference.decode(b"".join(bytes.fromhex(line.split("  ")[0]) for line in block.strip().splitlines()))
+        for block in blocks
+    )
+    assert reference_shape.heights(fields["dhfs"][0], [[0, 0]]).round(6).tolist() == [[-0.468163, 0.468163]]
+    assert surface["mesh"]["positions"] == [(0, 0, 64), (52, -30, -21), (0, 60, -21), (-52, -30, -21)]
+    assert surface["mesh"]["sharp"] == [(0, 2), (1, 2)]
+
+
 @pytest.mark.parametrize("path", sorted(VECTORS.glob("refused/*.cndhf")), ids=lambda p: p.stem)
 def test_refused(path: Path):
     with pytest.raises(reference.RefusedError):
