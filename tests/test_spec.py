@@ -162,7 +162,7 @@ def test_the_printed_numbers_of_the_surface_are_the_code_s(text: str) -> None:
         f"learnt = min(digits - 1, {models.LEARNT})",
         f"more than {connectivity.MAX_STEPS} are",
         f"at most {connectivity.MAX_VERTICES:,} vertices",
-        f"min({connectivity.MAX_FACES:,}, {connectivity.FREE_FACES:,} + {connectivity.MAX_FACES_A_BYTE} B) faces",
+        f"min({connectivity.MAX_FACES:,}, {connectivity.FREE_FACES:,} + {connectivity.MAX_FACES_A_BYTE} n_bytes) faces",
         f"beyond {positions.MAX_POSITION:,} in either direction",
     ):
         assert sentence in text
@@ -180,7 +180,7 @@ def test_the_printed_limits_are_the_code_s(text: str) -> None:
         f"| sine layers after the first | 1 to {c.MAX_HIDDEN_LAYERS} |",
         f"at most {c.MAX_PARAMETERS:,} weights and biases",
         f"sum of the four squares {c.QUATERNION_MIN_NORM**2:,} to {c.QUATERNION_MAX_NORM**2:,}",
-        f"more than {rans.FREE_SYMBOLS:,} + {rans.MAX_SYMBOLS_A_BYTE} B symbols",
+        f"more than {rans.FREE_SYMBOLS:,} + {rans.MAX_SYMBOLS_A_BYTE} n_bytes symbols",
     ):
         assert sentence in text
 

@@ -17,8 +17,8 @@ pytestmark = pytest.mark.encode
 
 def test_the_widths_follow_from_the_size_and_the_shares():
     def at(size: int, *shares: float) -> list[int]:
-        widths = widths_for(replace(SMALL, target_size=size), list(shares), 30)
-        room = (0.98 * size - 60 - 30 - 54 * len(shares)) * 8 / SMALL.bits
+        widths = widths_for(replace(SMALL, target_size=size), list(shares), 80)
+        room = (0.98 * size - 5 - 80 - 53 * len(shares)) * 8 / SMALL.bits
         weights = [parameter_count(w, SMALL.hidden_layers) for w in widths]
         assert sum(weights) <= room
         # There is no room for another neuron: in any, or, while all are to be equally wide, in each of them.
@@ -34,8 +34,8 @@ def test_the_widths_follow_from_the_size_and_the_shares():
     assert at(16384, 0.1, 0.9) == [small, large]
     # What has next to nothing to do has a silhouette, too.
     assert at(16384, 0.5, 0.5, 0.0, 0.0)[2:] == [WIDEST_EQUAL] * 2
-    assert widths_for(replace(SMALL, target_size=256), [0.5, 0.5], 30) == []
-    assert widths_for(replace(SMALL, target_size=None, width=4), [0.9, 0.1], 30) == [4, 4]
+    assert widths_for(replace(SMALL, target_size=256), [0.5, 0.5], 80) == []
+    assert widths_for(replace(SMALL, target_size=None, width=4), [0.9, 0.1], 80) == [4, 4]
 
 
 @pytest.mark.parametrize("size", [900, 2500])
