@@ -1,0 +1,114 @@
+"""Where the error of a surface comes from: after each stage of the encoder, at one size.
+
+    python tools/bench/error_budget.py OUT.tsv horse fandisk gears --size 2048 --preset default
+
+CD in thousandths of the normalised frame, with samples that were not fitted: of the simplified mesh as a polyhedron, of
+the limit surface after the fit with creases, after the edits, after rounding, and of the mesh that the file gives by
+default. Those of the try that was kept. A mesh is a name of the corpus (CNDHF_CORPUS) or a path.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import click
+
+import cndhf_codec
+from cndhf_codec.encoder.surface import to_size
+from cndhf_codec.mesh.normalise import normalisation
+from cndhf_codec.mesh.read import Mesh, read_mesh
+
+sys.path.insert(0, str(Path(__file__).parent))
+from measure import Reference
+from rate_distortion import mesh_path
+
+COLUMNS = ("mesh", "bytes", "polyhedron", "fit", "edits", "rounding", "decoded")
+
+
+class Stages:
+    """Follows the encoder by the functions that it calls."""
+
+    def __init__(self, reference: Reference, mesh: Mesh) -> None:
+        self._reference, self._norm = reference, normalisation(mesh)
+        self._by_faces: dict[bytes, dict[str, float]] = {}
+        self.kept: dict[str, float] = {}
+        self._least = float("inf")
+
+    def _error(self, vertices: Any, faces: Any) -> float:
+        given = self._norm.undo(vertices)
+        return self._reference.figures((given, faces))["CD"]
+
+    def creases(self, function: Any) -> Any:
+        def wrapped(mesh: Any, *rest: Any) -> Any:
+            one = function(mesh, *rest)
+            self._by_faces[mesh.faces.tobytes()] = {
+                "polyhedron": self._error(mesh.vertices, mesh.faces),
+                "fit": self._error(one.basis.surface(one.control), one.basis.fine),
+            }
+            return one
+
+        return wrapped
+
+    def edited(self, function: Any) -> Any:
+        def wrapped(one: Any, mesh: Any, *rest: Any) -> Any:
+            after = function(one, mesh, *rest)
+            found = after.fitted
+            before = self._by_faces[mesh.faces.tobytes()]
+            edits = self._error(found.basis.surface(found.control), found.basis.fine)
+            self._by_faces[after.mesh.faces.tobytes()] = {**before, "edits": edits}
+            return after
+
+        return wrapped
+
+    def rounded(self, function: Any) -> Any:
+        def wrapped(one: Any, mesh: Any, target: Any, size: int, coarsest: float) -> Any:
+            sized = function(one, mesh, target, size, coarsest)
+            row = self._by_faces.get(mesh.faces.tobytes())
+            if row is not None and len(sized.body) <= size and sized.error < self._least:
+                self._least = sized.error
+                rounding = self._error(one.basis.surface(sized.mesh.vertices), one.basis.fine)
+                self.kept = {**row, "rounding": rounding}
+            return sized
+
+        return wrapped
+
+
+def row(name: str, size: int, preset: str) -> str:
+    mesh = read_mesh(mesh_path(name))
+    reference = Reference(mesh)
+    stages = Stages(reference, mesh)
+    plain = to_size.fit_with_creases, to_size.edited, to_size._rounded
+    try:
+        to_size.fit_with_creases, to_size.edited = stages.creases(plain[0]), stages.edited(plain[1])
+        to_size._rounded = stages.rounded(plain[2])
+        model = cndhf_codec.encode(mesh_path(name), preset=preset, target_size=size, representation="surface")
+    finally:
+        to_size.fit_with_creases, to_size.edited, to_size._rounded = plain
+    out = model.to_mesh()
+    decoded = reference.figures((out.vertices, out.faces))["CD"]
+    figures = {**stages.kept, "decoded": decoded}
+    return "\t".join(
+        [name, str(len(model.dumps())), *(f"{figures[c]:.4g}" if c in figures else "-" for c in COLUMNS[2:])]
+    )
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("names", nargs=-1, required=True)
+@click.option("--size", default=2048, show_default=True, help="Bytes.")
+@click.option("--preset", default="default", show_default=True)
+def main(out: Path, names: tuple[str, ...], size: int, preset: str) -> None:
+    """Write the table."""
+    lines = ["\t".join(COLUMNS)]
+    for name in names:
+        lines.append(row(name, size, preset))
+        print(lines[-1], flush=True)
+        out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", cndhf_codec.CndhfWarning)
+    main()
