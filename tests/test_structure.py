@@ -71,6 +71,7 @@ def below(*folders: str) -> list[str]:
 @pytest.mark.parametrize(
     ("folder", "others"),
     [
+        ("viewer", ("format", "mesh", "decoder", "encoder", "report", "integrations", "cli")),
         ("format", ("mesh", "decoder", "encoder", "report", "integrations", "cli")),
         ("mesh", ("decoder", "encoder", "report", "integrations", "cli")),
         ("decoder", ("mesh", "encoder", "report", "integrations", "cli")),

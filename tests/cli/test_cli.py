@@ -569,7 +569,7 @@ def test_wrong_arguments(fails, model, tmp_path, monkeypatch, name, arguments, m
     assert message in fails(2, name, *(model if a == "MODEL" else a for a in arguments))
 
 
-@pytest.mark.parametrize("name", ["encode", "decode", "info", "compare"])
+@pytest.mark.parametrize("name", ["encode", "decode", "info", "compare", "view"])
 def test_help_and_version(run, name):
     code, out, err = run(name, "--help")
     assert (code, err) == (0, "")
