@@ -103,7 +103,6 @@ def test_arrows_point_one_way(folder, others):
             (
                 "mesh.read",
                 "decoder.model",
-                "decoder.meshfile",
                 "encoder.pipeline",
                 "encoder.check",
                 "integrations.trimesh",

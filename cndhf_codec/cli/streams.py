@@ -19,7 +19,7 @@ def standard_input() -> BinaryIO:
 
 
 def read_input(source: Path) -> tuple[bytes, str]:
-    """The bytes of a .cndhf file, up to one more than the format allows, and its name in messages. Raises InputError."""
+    """The bytes of a .cndhf file, up to one more than the format allows, and its name in errors. Raises InputError."""
     if source != STREAM:
         return read_bytes(source, MAX_FILE_SIZE + 1), str(source)
     try:

@@ -192,6 +192,21 @@ def test_decode_to_levels_of_detail(run, fails, model, tmp_path, options):
         assert f"--lod is {n}" in fails(2, "decode", model, tmp_path / "b.glb", "--lod", n)
 
 
+@pytest.mark.parametrize("option", ["--embed", "--embed-only"])
+def test_a_glb_carries_the_file(run, model, tmp_path, option):
+    target = tmp_path / "a.glb"
+    code, out, err = run("decode", model, target, option)
+    assert (code, err) == (0, "")
+    assert model.read_bytes() in target.read_bytes()
+    if option == "--embed":
+        faces = len(trimesh.load(target, process=False, force="mesh").faces)
+        assert out.startswith(f"{target}: {faces} triangles, watertight: yes")
+        assert faces == len(load(model).to_mesh().faces)
+    else:
+        assert out == f"{target}: {target.stat().st_size} bytes, no mesh\n"
+        assert target.stat().st_size < model.stat().st_size + 1024
+
+
 def test_by_default_few_triangles_and_faces_for_every_method(run, model, tmp_path):
     out = run("decode", model, tmp_path / "a.ply")[1]
     assert ", watertight: yes, 1 piece" in out
@@ -557,6 +572,11 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
         ("decode", ["MODEL", "-", "--format", "step"], "step"),
         ("decode", ["MODEL", "-", "--format", "ply", "--lod", "2"], "--lod"),
         ("decode", ["MODEL", "a.ply", "--faces", "100", "--max-error", "1%"], "not both"),
+        ("decode", ["MODEL", "a.ply", "--embed"], "carries no .cndhf file"),
+        ("decode", ["MODEL", "a.glb", "--embed", "--lod", "2"], "--embed needs one OUTPUT"),
+        ("decode", ["MODEL", "--occupancy", "a.npz", "--embed"], "--embed needs one OUTPUT"),
+        ("decode", ["MODEL", "a.glb", "--embed-only", "--faces", "100"], "writes no mesh"),
+        ("decode", ["MODEL", "a.glb", "--embed-only", "--no-normals"], "writes no mesh"),
         ("compare", ["MODEL"], "B"),
         ("compare", ["MODEL", "MODEL", "--resolution", "7"], "resolution is 7"),
         ("decode", ["MODEL", "a.ply", "--resolution", "7"], "resolution is 7"),
