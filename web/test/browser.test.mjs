@@ -102,7 +102,7 @@ test("the viewer", { skip }, async (t) => {
       await open(path);
       assert.equal(await complained(), "", path);
       assert.match(await said(), /\d+ triangles/);
-      const isDhf = /bracket|dhf/.test(path);
+      const isDhf = /bracket|\/dhf/.test(path);
       for (const id of isDhf ? ["wireframe", "colours"] : ["wireframe", "control", "creases"]) await set(id, true);
       await shoot(page, path.split("/").pop());
       for (const id of isDhf ? ["wireframe", "colours"] : ["wireframe", "control", "creases"]) await set(id, false);
