@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import trimesh
 from normals import stored_normals
+from places import ROOT
 
 from cndhf_codec import cli, load
 
@@ -193,14 +194,14 @@ def test_decode_to_levels_of_detail(run, fails, model, tmp_path, options):
 
 
 @pytest.mark.parametrize("option", ["--embed", "--embed-only"])
-def test_a_glb_carries_the_file(run, model, tmp_path, option):
-    target = tmp_path / "a.glb"
+def test_a_glb_carries_the_file(run, tmp_path, option):
+    model, target = ROOT / "spec/vectors/dhf-sections.cndhf", tmp_path / "a.glb"  # with sections that nobody knows
     code, out, err = run("decode", model, target, option)
     assert (code, err) == (0, "")
     assert model.read_bytes() in target.read_bytes()
     if option == "--embed":
         faces = len(trimesh.load(target, process=False, force="mesh").faces)
-        assert out.startswith(f"{target}: {faces} triangles, watertight: yes")
+        assert out.startswith(f"{target}: {faces} triangles, ")
         assert faces == len(load(model).to_mesh().faces)
     else:
         assert out == f"{target}: {target.stat().st_size} bytes, no mesh\n"
