@@ -21,6 +21,7 @@ MODULES = [
     "cndhf_codec.integrations.meshio",
     "cndhf_codec.integrations.torch",
     "cndhf_codec.integrations.trimesh",
+    "cndhf_codec.viewer.page",
 ]
 # What their examples need besides numpy and zstandard. Where it is missing, the test is skipped.
 NEEDS = {

@@ -27,6 +27,8 @@ CALLS = {
     "eval", "exec", "compile", "__import__", "os.system", "os.popen", "os.execv", "os.execve", "os.execvp", "os.spawnv",
     "os.posix_spawn", "os.fork", "torch.load", "torch.save", "torch.hub.load", "np.fromfile", "numpy.fromfile",
 }  # fmt: skip
+# What shows a file to this machine's own browser, when its user asks for it.
+EXCEPTIONS = {"viewer/server.py": {"http", "http.server", "socketserver"}, "cli/view.py": {"webbrowser"}}
 KEYWORDS = {"allow_pickle", "shell", "allow_remote"}
 
 
@@ -52,7 +54,8 @@ def violations(source: str) -> list[str]:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_a_module_runs_nothing_and_asks_nobody(path):
-    assert violations(path.read_text("utf-8")) == []
+    allowed = EXCEPTIONS.get(path.relative_to(PACKAGE).as_posix(), set())
+    assert set(violations(path.read_text("utf-8"))) == allowed
 
 
 def test_there_are_modules_to_look_at():

@@ -71,6 +71,7 @@ def below(*folders: str) -> list[str]:
 @pytest.mark.parametrize(
     ("folder", "others"),
     [
+        ("viewer", ("format", "mesh", "decoder", "encoder", "report", "integrations", "cli")),
         ("format", ("mesh", "decoder", "encoder", "report", "integrations", "cli")),
         ("mesh", ("decoder", "encoder", "report", "integrations", "cli")),
         ("decoder", ("mesh", "encoder", "report", "integrations", "cli")),
@@ -102,7 +103,6 @@ def test_arrows_point_one_way(folder, others):
             (
                 "mesh.read",
                 "decoder.model",
-                "decoder.meshfile",
                 "encoder.pipeline",
                 "encoder.check",
                 "integrations.trimesh",

@@ -1,4 +1,4 @@
-// Bundles src into dist: node build.mjs. esbuild bundles; terser makes the result smaller by a twelfth.
+// Bundles src into dist: node build.mjs; with --package, the viewer goes into the Python package, too. esbuild bundles; terser makes the result smaller by a twelfth.
 import { build } from "esbuild";
 import { minify } from "terser";
 import { readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -59,7 +59,7 @@ for (const name of readdirSync("dist", { recursive: true }).filter((path) => pat
   writeFileSync(path, await smaller(readFileSync(path, "utf8"), { content: readFileSync(`${path}.map`, "utf8") }, path));
 }
 
-// The viewer is one page that needs nothing else: style and script are put into it.
+// The viewer is one page that needs nothing else: style and script are put into it, with the licence of three.js, which asks for that.
 const [{ text: script }] = (
   await build({
     ...options,
@@ -74,6 +74,8 @@ const [{ text: script }] = (
 const small = await smaller(script);
 const style = (await build({ entryPoints: ["viewer/style.css"], minify: true, write: false })).outputFiles[0].text;
 const page = readFileSync("viewer/index.html", "utf8")
+  .replace("licence of three.js", () => readFileSync("node_modules/three/LICENSE", "utf8").trim())
   .replace("/*style*/", () => style.trim())
   .replace("/*script*/", () => small.trim().replaceAll("</script", "<\\/script"));
 writeFileSync("dist/viewer.html", page);
+if (process.argv.includes("--package")) writeFileSync("../cndhf_codec/viewer/viewer.html", page);

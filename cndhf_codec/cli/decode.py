@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..files import STREAM, check_output
-from .streams import check_standard_output, standard_input
+from .streams import check_standard_output, read_input
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
@@ -51,6 +51,16 @@ if TYPE_CHECKING:
     "--format", "format_", type=click.Choice(["ply", "obj", "stl", "off", "glb"]), help="What to write to OUTPUT -."
 )
 @click.option(
+    "--embed",
+    is_flag=True,
+    help="Of .glb: carry INPUT.cndhf, too, for readers of the glTF extension CNDHF_shape; others draw the mesh.",
+)
+@click.option(
+    "--embed-only",
+    is_flag=True,
+    help="Of .glb: carry INPUT.cndhf in place of a mesh, with 1 kB around it; other readers refuse it.",
+)
+@click.option(
     "--lod",
     metavar="N",
     type=int,
@@ -77,6 +87,8 @@ def command(
     specks: bool,
     normals: bool | None,
     format_: str | None,
+    embed: bool,
+    embed_only: bool,
     lod: int | None,
     occupancy: Path | None,
     overwrite: bool,
@@ -88,9 +100,10 @@ def command(
     triangles as the file's own error needs: fewer would add more than a few percent to it, more would gain nothing.
     """
     from ..decoder.dhf.meshes import DEFAULT_RESOLUTION
+    from ..decoder.glb import Embedded
     from ..decoder.gridfile import write_grid
-    from ..decoder.meshfile import check_extension, check_normals, mesh_bytes, write_mesh
-    from ..decoder.reading import load, load_stream
+    from ..decoder.meshfile import check_embedded, check_extension, check_normals, mesh_bytes, write_mesh
+    from ..decoder.reading import load_bytes
     from ..decoder.representation import Detail
 
     if target is None and occupancy is None:
@@ -103,12 +116,24 @@ def command(
     if lod is not None and lod < 1:
         raise OptionError(f"--lod is {lod}: 1 or more are needed")
     cells = DEFAULT_RESOLUTION if resolution is None else resolution
+    embed = embed or embed_only
+    if embed and (target is None or lod is not None):
+        raise OptionError("--embed needs one OUTPUT: readers would make the same mesh of every level of --lod")
+    detail = Detail(resolution, method, max_error, faces, level, specks)
+    if embed_only:
+        of_a_mesh = detail if occupancy is None else detail._replace(resolution=None)
+        if normals is not None or of_a_mesh != Detail():
+            raise OptionError("--embed-only writes no mesh: leave out what belongs to one, or use --embed")
+        normals = False
     if normals is None:
         normals = target is not None and (format_ or target.suffix[1:]).lower() == "glb"
     paths = [] if target is None else [target] if lod is None else _paths(target, lod)
     for path in paths:
+        named = Path(f"-.{format_}") if to_stream else path
         if normals:
-            check_normals(Path(f"-.{format_}") if to_stream else path)
+            check_normals(named)
+        if embed:
+            check_embedded(named)
         if not to_stream:
             check_extension(path)
             check_output(path, overwrite, [source])
@@ -120,24 +145,27 @@ def command(
             raise OptionError(f"{occupancy}: the mesh and the grid cannot be one file; name two")
     if to_stream:
         check_standard_output()
-    model = load_stream(standard_input(), "standard input") if source == STREAM else load(source)
-    if model.representation == "surface" and occupancy is not None:
-        resolution = None  # it is that of the grid
-    detail = Detail(resolution, method, max_error, faces, level, specks)
+    data, name = read_input(source)
+    model = load_bytes(data, name)
+    if embed_only or (model.representation == "surface" and occupancy is not None):
+        detail = detail._replace(resolution=None)  # it is that of the grid
+    embedded = Embedded(data, not embed_only) if embed else None
     # Make all before writing any: an interrupt leaves nothing.
     meshes = [] if not paths else _meshes(model, detail, normals, lod)
     grid = None if occupancy is None else model.occupancy(cells)
     for path, mesh in zip(paths, meshes, strict=True):
         if format_ is not None:
-            data, note = mesh_bytes(mesh, format_, normals)
-            sys.stdout.buffer.write(data)
+            out, note = mesh_bytes(mesh, format_, normals, embedded)
+            sys.stdout.buffer.write(out)
             sys.stdout.buffer.flush()
         else:
-            note = write_mesh(mesh, path, overwrite, normals)
+            note = write_mesh(mesh, path, overwrite, normals, embedded)
         if note is not None:
             click.echo(f"cndhf-decode: warning: {note}", err=True)
         if not (quiet or to_stream):
-            click.echo(f"{path}: {_summary(mesh, bool(model.info.get('closed', True)), normals)}")
+            closed = bool(model.info.get("closed", True))
+            what = f"{path.stat().st_size} bytes, no mesh" if embed_only else _summary(mesh, closed, normals)
+            click.echo(f"{path}: {what}")
     if grid is not None and occupancy is not None:
         write_grid(occupancy, *grid, overwrite)
         if not quiet:

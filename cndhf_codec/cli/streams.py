@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import InputError, OptionError
+from ..files import STREAM, read_bytes
+from ..format.constants import MAX_FILE_SIZE
 
 
 def standard_input() -> BinaryIO:
@@ -13,6 +16,16 @@ def standard_input() -> BinaryIO:
     if sys.stdin is None:
         raise InputError("the standard input is closed; name a file")
     return sys.stdin.buffer
+
+
+def read_input(source: Path) -> tuple[bytes, str]:
+    """The bytes of a .cndhf file, up to one more than the format allows, and its name in errors. Raises InputError."""
+    if source != STREAM:
+        return read_bytes(source, MAX_FILE_SIZE + 1), str(source)
+    try:
+        return standard_input().read(MAX_FILE_SIZE + 1), "standard input"
+    except OSError as exc:
+        raise InputError(f"standard input: cannot be read: {exc.strerror}") from exc
 
 
 def check_standard_output() -> None:

@@ -1,4 +1,4 @@
-"""Mesh files out, through trimesh where it keeps the precision of the coordinates."""
+"""Mesh files out: PLY and STL through trimesh where it keeps the precision of the coordinates."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from ..arguments import path_like
 from ..arrays import F64, I64
-from ..errors import OptionError, require
+from ..errors import OptionError
 from ..files import write_atomically
+from .glb import Embedded, glb_bytes
 
 EXTENSIONS = (".ply", ".obj", ".stl", ".off", ".glb")
-NORMALS_OPTIONS = {"ply": "vertex_normal", "obj": "include_normals", "glb": "include_normals"}  # of trimesh's exporters
+WITH_NORMALS = ("ply", "obj", "glb")
 NEGLIGIBLE_ROUNDING = 1e-6  # of the mesh's longest side
 
 
@@ -28,11 +29,19 @@ def check_extension(path: str | os.PathLike[str]) -> str:
 
 def check_normals(path: str | os.PathLike[str]) -> None:
     """Raise OptionError when the path's format holds no vertex normals."""
-    if check_extension(path) not in NORMALS_OPTIONS:
+    if check_extension(path) not in WITH_NORMALS:
         raise OptionError(f"{Path(path)}: this format holds no vertex normals; .ply, .obj and .glb do")
 
 
-def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[bytes, str | None]:
+def check_embedded(path: str | os.PathLike[str]) -> None:
+    """Raise OptionError when the path's format cannot carry a .cndhf file."""
+    if check_extension(path) != "glb":
+        raise OptionError(f"{Path(path)}: this format carries no .cndhf file; .glb does")
+
+
+def mesh_bytes(
+    mesh: Any, extension: str, with_normals: bool = False, embedded: Embedded | None = None
+) -> tuple[bytes, str | None]:
     """The bytes of a mesh file, and a warning when the format cannot keep the precision of the coordinates.
 
     At a great distance from the origin, float32 rounds coordinates by more than a millionth of the mesh's size. A PLY
@@ -46,6 +55,8 @@ def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[b
         One of `EXTENSIONS`, without its dot.
     with_normals : bool
         Write vertex normals, too.
+    embedded : Embedded, optional
+        Of GLB: the .cndhf file of the mesh, to be carried beside or in place of it (spec/gltf.md).
 
     Returns
     -------
@@ -72,9 +83,10 @@ def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[b
         return _off(vertices, faces), None
     if extension == "ply" and coarse:
         return _double_ply(vertices, faces, normals), None
-    if extension == "glb" and coarse:
-        return _moved_glb(vertices, faces, normals), None
-    options = {NORMALS_OPTIONS[extension]: with_normals} if extension in NORMALS_OPTIONS else {}
+    if extension == "glb":
+        middle = vertices.min(axis=0) / 2 + vertices.max(axis=0) / 2
+        return glb_bytes(vertices, faces, normals, middle if coarse else np.zeros(3), embedded), None
+    options = {"vertex_normal": with_normals} if extension == "ply" else {}
     data = mesh.export(file_type=extension, **options)
     if not coarse:
         return data, None
@@ -85,7 +97,11 @@ def mesh_bytes(mesh: Any, extension: str, with_normals: bool = False) -> tuple[b
 
 
 def write_mesh(
-    mesh: Any, path: str | os.PathLike[str], overwrite: bool = False, with_normals: bool = False
+    mesh: Any,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    with_normals: bool = False,
+    embedded: Embedded | None = None,
 ) -> str | None:
     """Write a mesh file. When that fails, nothing is left, and an older file stays as it was.
 
@@ -99,6 +115,8 @@ def write_mesh(
         Replace a file that exists.
     with_normals : bool
         Write vertex normals, too.
+    embedded : Embedded, optional
+        As for `mesh_bytes`.
 
     Returns
     -------
@@ -108,7 +126,7 @@ def write_mesh(
     Raises
     ------
     OptionError
-        When the path is of another type or extension, or its format holds no normals.
+        When the path is of another type or extension, or its format holds no normals or no .cndhf file.
     OutputError
         When the file cannot be written, or exists and may not be overwritten.
 
@@ -123,7 +141,9 @@ def write_mesh(
     extension = check_extension(path)
     if with_normals:
         check_normals(path)
-    data, warning = mesh_bytes(mesh, extension, with_normals)
+    if embedded is not None:
+        check_embedded(path)
+    data, warning = mesh_bytes(mesh, extension, with_normals, embedded)
     write_atomically(path, data, overwrite)
     return None if warning is None else f"{Path(path)}: {warning}"
 
@@ -164,14 +184,3 @@ def _double_ply(vertices: F64, faces: I64, normals: F64 | None) -> bytes:
     records = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     records["count"], records["corners"] = 3, faces
     return head.encode() + columns.astype("<f8").tobytes() + records.tobytes()
-
-
-def _moved_glb(vertices: F64, faces: I64, normals: F64 | None) -> bytes:
-    trimesh = require("trimesh", "mesh")
-    middle = vertices.min(axis=0) / 2 + vertices.max(axis=0) / 2
-    scene = trimesh.Scene()
-    transform = np.eye(4)
-    transform[:3, 3] = middle
-    moved = trimesh.Trimesh(vertices - middle, faces, vertex_normals=normals, process=False)
-    scene.add_geometry(moved, transform=transform)
-    return scene.export(file_type="glb", include_normals=normals is not None)

@@ -18,6 +18,7 @@ from ..arguments import chunks, path_like, rows, vectors, whole_number
 from ..arrays import F32, F64, Mask
 from ..errors import OptionError, require
 from ..files import write_atomically
+from ..viewer.page import Frame
 from .dhf.meshes import DEFAULT_RESOLUTION
 from .dhf.representation import DhfRepresentation
 from .limits import Limits
@@ -725,6 +726,37 @@ class Model:
             raise OptionError(f"there are no {n_dhfs} DHFs; this model has {len(self.container.dhfs)}")
         first = replace(self.container, dhfs=self.container.dhfs[:n_dhfs], metadata=fmt.Metadata())
         return Model(first, limits=self.limits)
+
+    def show(self, height: int = 480) -> Frame:
+        """The viewer with this shape in it, in a notebook (Jupyter, VS Code and the like).
+
+        Parameters
+        ----------
+        height : int
+            Of the frame, in CSS pixels, 100 to 10,000; it is as wide as the cell.
+
+        Returns
+        -------
+        Frame
+            As the last value of a cell, the notebook draws it. Elsewhere it is a line of text: save the model, and run
+            `cndhf-view`. It needs no library, nor a connection: the notebook's file keeps the whole viewer, 0.8 MB for
+            each frame.
+
+        Raises
+        ------
+        OptionError
+            When the height is not a whole number, or out of range.
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> cndhf_codec.load("tests/golden/encoded.cndhf").show()
+        <Viewer of model.cndhf: drawn in notebooks; elsewhere save the model, and run cndhf-view>
+        """
+        height = whole_number(height, "height")
+        if not 100 <= height <= 10_000:
+            raise OptionError(f"height is {height}; 100 to 10000 pixels are needed")
+        return Frame(self.dumps(), "model.cndhf", height)
 
     def dumps(self) -> bytes:
         """The bytes of the `.cndhf` file.

@@ -125,7 +125,7 @@ def load(path: str | os.PathLike[str], limits: Limits | None = None) -> Model:
     >>> model.info["encoder"]
     '0.1.0'
     """
-    return _loads(read_bytes(path_like(path), MAX_FILE_SIZE + 1), str(Path(path)), limits)
+    return load_bytes(read_bytes(path_like(path), MAX_FILE_SIZE + 1), str(Path(path)), limits)
 
 
 def load_stream(stream: BinaryIO, name: str, limits: Limits | None = None) -> Model:
@@ -166,10 +166,11 @@ def load_stream(stream: BinaryIO, name: str, limits: Limits | None = None) -> Mo
         raise InputError(f"{name}: cannot be read: {exc.strerror}") from exc
     except (AttributeError, TypeError, ValueError) as exc:  # not a stream, a closed one, one of text
         raise OptionError(f"{name}: a stream is needed that is open for reading bytes") from exc
-    return _loads(bytes_like(data), name, limits)
+    return load_bytes(bytes_like(data), name, limits)
 
 
-def _loads(data: bytes, name: str, limits: Limits | None) -> Model:
+def load_bytes(data: bytes, name: str, limits: Limits | None = None) -> Model:
+    """The same as `loads`, with errors that begin with a name."""
     try:
         if len(data) > MAX_FILE_SIZE:
             raise LimitError(f"the file has more than {MAX_FILE_SIZE} bytes, the most that the format allows")

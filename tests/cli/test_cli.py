@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import trimesh
 from normals import stored_normals
+from places import ROOT
 
 from cndhf_codec import cli, load
 
@@ -190,6 +191,21 @@ def test_decode_to_levels_of_detail(run, fails, model, tmp_path, options):
     assert "a.lod1.glb: exists already" in fails(1, "decode", model, tmp_path / "a.glb", "--lod", "2")
     for n in ("0", "-1", "15"):
         assert f"--lod is {n}" in fails(2, "decode", model, tmp_path / "b.glb", "--lod", n)
+
+
+@pytest.mark.parametrize("option", ["--embed", "--embed-only"])
+def test_a_glb_carries_the_file(run, tmp_path, option):
+    model, target = ROOT / "spec/vectors/dhf-sections.cndhf", tmp_path / "a.glb"  # with sections that nobody knows
+    code, out, err = run("decode", model, target, option)
+    assert (code, err) == (0, "")
+    assert model.read_bytes() in target.read_bytes()
+    if option == "--embed":
+        faces = len(trimesh.load(target, process=False, force="mesh").faces)
+        assert out.startswith(f"{target}: {faces} triangles, ")
+        assert faces == len(load(model).to_mesh().faces)
+    else:
+        assert out == f"{target}: {target.stat().st_size} bytes, no mesh\n"
+        assert target.stat().st_size < model.stat().st_size + 1024
 
 
 def test_by_default_few_triangles_and_faces_for_every_method(run, model, tmp_path):
@@ -557,6 +573,11 @@ def test_damaged_and_foreign_input(fails, model, box, tmp_path):
         ("decode", ["MODEL", "-", "--format", "step"], "step"),
         ("decode", ["MODEL", "-", "--format", "ply", "--lod", "2"], "--lod"),
         ("decode", ["MODEL", "a.ply", "--faces", "100", "--max-error", "1%"], "not both"),
+        ("decode", ["MODEL", "a.ply", "--embed"], "carries no .cndhf file"),
+        ("decode", ["MODEL", "a.glb", "--embed", "--lod", "2"], "--embed needs one OUTPUT"),
+        ("decode", ["MODEL", "--occupancy", "a.npz", "--embed"], "--embed needs one OUTPUT"),
+        ("decode", ["MODEL", "a.glb", "--embed-only", "--faces", "100"], "writes no mesh"),
+        ("decode", ["MODEL", "a.glb", "--embed-only", "--no-normals"], "writes no mesh"),
         ("compare", ["MODEL"], "B"),
         ("compare", ["MODEL", "MODEL", "--resolution", "7"], "resolution is 7"),
         ("decode", ["MODEL", "a.ply", "--resolution", "7"], "resolution is 7"),
@@ -569,7 +590,7 @@ def test_wrong_arguments(fails, model, tmp_path, monkeypatch, name, arguments, m
     assert message in fails(2, name, *(model if a == "MODEL" else a for a in arguments))
 
 
-@pytest.mark.parametrize("name", ["encode", "decode", "info", "compare"])
+@pytest.mark.parametrize("name", ["encode", "decode", "info", "compare", "view"])
 def test_help_and_version(run, name):
     code, out, err = run(name, "--help")
     assert (code, err) == (0, "")

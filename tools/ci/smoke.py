@@ -39,6 +39,7 @@ def base() -> None:
         else:  # a sheet
             assert model.nearest(points).distance[1] > 0
         assert model.info
+        assert "<iframe" in model.show()._repr_html_()  # the viewer's page is there
     if not find_spec("click"):
         done = run("info", str(files[0]))
         assert done.returncode == 1
@@ -53,10 +54,10 @@ def mesh() -> None:
     surface = cndhf_codec.load(ROOT / "tests/golden/encoded.cndhf").to_mesh(64)
     assert surface.is_watertight
     assert surface.volume > 0
-    for name in ("encode", "decode", "info", "compare"):
+    for name in ("encode", "decode", "info", "compare", "view"):
         done = run(name, "--version")
         assert version("cndhf-codec") in done.stdout, done
-    print(f"a surface of {len(surface.faces)} faces; four commands")
+    print(f"a surface of {len(surface.faces)} faces; five commands")
 
 
 def encode() -> None:

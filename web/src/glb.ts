@@ -31,7 +31,7 @@ export function toGlb({ positions, normals, index, origin }: Mesh, { embed, fall
   });
   const view = (a: Float32Array | Uint32Array, target: number): object =>
     withMesh ? { bufferView: add(bytes(a), target) } : {};
-  const count = positions.length / 3;
+  const count = withMesh ? positions.length / 3 : 3; // as many as a triangle has
   const accessors: object[] = [{ ...view(positions, 34962), componentType: FLOAT, count, type: "VEC3", min, max }];
   const primitive: Record<string, unknown> = { attributes: { POSITION: 0 }, material: 0 };
   if (withMesh) {

@@ -1,6 +1,8 @@
 // In headless Chromium: silhouettes against those of the Python decoder, the viewer, the examples. Skipped where there is
 // no Chromium, unless CNDHF_BROWSER is set: to its path, or to 1 where it lies in a usual place.
 import assert from "node:assert/strict";
+import { spawn, spawnSync } from "node:child_process";
+import { once } from "node:events";
 import { existsSync, mkdirSync, readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
@@ -147,7 +149,7 @@ test("the viewer", { skip }, async (t) => {
   assert.deepEqual(complaints, []);
 });
 
-test("the viewer opens ?url=, and a file that is in the page", { skip }, async () => {
+test("the viewer opens ?url=", { skip }, async () => {
   const { page, complaints } = await pageAt("dist/viewer.html?url=/examples/bracket.cndhf");
   await settled(page);
   assert.match(await page.textContent("#status"), /bracket.cndhf: \d+ triangles/);
@@ -155,6 +157,41 @@ test("the viewer opens ?url=, and a file that is in the page", { skip }, async (
   await settled(page);
   assert.match(await page.textContent("#error"), /404/);
   assert.deepEqual(complaints.filter((text) => !/404/.test(text)), []);
+});
+
+/** Run Python with this package; a process. */
+const python = (...args) => spawn("python3", args, { cwd: file(""), stdio: ["ignore", "pipe", "inherit"] });
+const noPython = skip || (spawnSync("python3", ["-c", "import cndhf_codec, click"], { cwd: file("") }).status
+  ? "no Python with cndhf_codec" : false);
+
+test("cndhf-view serves a file, and what is wrong with it", { skip: noPython }, async () => {
+  for (const [path, wanted] of [["examples/bracket.cndhf", ""], ["spec/vectors/refused/checksum-flipped.cndhf", "ChecksumError"]]) {
+    const command = python("-c", "from cndhf_codec import cli; cli.view()", file(path), "--no-browser");
+    const [line] = await once(command.stdout, "data");
+    const { page, complaints } = await pageAt(String(line).match(/http\S+/)[0]);
+    await settled(page);
+    await shoot(page, `view-${path.split("/").pop()}`);
+    assert.equal((await page.textContent("#error")).split(":")[0], wanted);
+    if (!wanted) assert.match(await page.textContent("#status"), /^bracket.cndhf: \d+ triangles/);
+    assert.deepEqual(complaints, []);
+    const ended = once(command, "exit");
+    command.kill("SIGINT");
+    assert.equal((await ended)[0], 0);
+  }
+});
+
+test("a notebook's frame shows a model", { skip: noPython }, async () => {
+  const code = 'import cndhf_codec; print(cndhf_codec.load("spec/vectors/surface-creases.cndhf").show()._repr_html_())';
+  const html = (await python("-c", code).stdout.toArray()).join("");
+  const { page, complaints } = await pageAt("dist/viewer.html");
+  await page.setContent(html);
+  const frame = await (await page.waitForSelector("iframe")).contentFrame();
+  await settled(frame);
+  await shoot(page, "frame");
+  assert.match(await frame.textContent("#status"), /^model.cndhf: \d+ triangles/);
+  const [download] = await Promise.all([page.waitForEvent("download"), frame.click("#download")]);
+  assert.equal(download.suggestedFilename(), "model.glb");
+  assert.deepEqual(complaints, []);
 });
 
 test("the examples render", { skip }, async () => {

@@ -39,6 +39,11 @@ test("the viewer: one page, at most 700,000 bytes, that loads nothing", (t) => {
   assert.doesNotMatch(page.toString(), /<script[^>]+src=|<link[^>]+stylesheet|@import|\bfrom\s*"https?:/);
 });
 
+test("the Python package has the same page", () => {
+  const there = readFileSync(new URL("../../cndhf_codec/viewer/viewer.html", import.meta.url));
+  assert.ok(read("viewer.html").equals(there), "cndhf_codec/viewer/viewer.html is old: run npm run viewer in web/");
+});
+
 test("the package holds what it names", () => {
   const folder = fileURLToPath(new URL("..", import.meta.url));
   const out = execFileSync("npm", ["pack", "--dry-run", "--json", "--ignore-scripts"], { cwd: folder, encoding: "utf8" });

@@ -1,12 +1,14 @@
 // What belongs to three.js, without a page: geometries, the loader, glTF.
 import assert from "node:assert/strict";
+import { spawnSync } from "node:child_process";
 import { test } from "node:test";
-import { LoadingManager, MeshStandardMaterial } from "three";
+import { fileURLToPath } from "node:url";
+import { Box3, LoadingManager, MeshStandardMaterial, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { toGlb } from "../dist/glb.js";
 import { ChecksumError, decode } from "../dist/index.js";
 import { CNDHFLoader, CndhfShapePlugin, DhfRayMarch } from "../dist/three.js";
-import { bytesOf } from "./files.mjs";
+import { bytesOf, ROOT } from "./files.mjs";
 
 globalThis.self ??= globalThis; // GLTFLoader asks it for URL
 globalThis.ProgressEvent ??= class extends Event {}; // and FileLoader for this
@@ -14,6 +16,9 @@ globalThis.ProgressEvent ??= class extends Event {}; // and FileLoader for this
 const DHF = bytesOf("examples/bracket.cndhf");
 const SURFACE = bytesOf("spec/vectors/surface-creases.cndhf");
 const FAR = bytesOf("tests/golden/surface.cndhf");
+
+const python = (args) => spawnSync("python3", args, { cwd: fileURLToPath(ROOT), maxBuffer: 1e9 });
+const noPython = python(["-c", "import cndhf_codec, click, trimesh"]).status ? "no Python with cndhf_codec" : false;
 
 const dataUrl = (bytes) => `data:application/octet-stream;base64,${Buffer.from(bytes).toString("base64")}`;
 
@@ -79,6 +84,24 @@ test("glTF: shapes far from the origin keep their place and their precision", as
   assert.deepEqual(object.position.toArray(), model.centre);
   object.geometry.computeBoundingSphere();
   assert.ok(object.geometry.boundingSphere.radius < 2 * model.scale);
+});
+
+test("glTF: what cndhf-decode writes", { skip: noPython }, async () => {
+  const coarse = { "spec/vectors/surface-creases.cndhf": ["--level", "1"], "examples/bracket.cndhf": ["--faces", "500"] };
+  for (const path of [...Object.keys(coarse), "tests/golden/surface.cndhf"]) {
+    const model = await decode(bytesOf(path));
+    const fine = await model.toMesh();
+    const box = new Box3().setFromArray(fine.positions).translate(new Vector3(...fine.origin));
+    for (const options of [["--embed", ...(coarse[path] ?? [])], ["--embed-only"]]) {
+      const glb = python(["-c", "from cndhf_codec import cli; cli.decode()", path, "-", "--format", "glb", ...options]).stdout;
+      const object = await loadGlb(glb);
+      assert.equal(object.geometry.index.count, fine.index.length, `${path} ${options}`);
+      object.updateMatrixWorld();
+      object.geometry.computeBoundingBox();
+      const found = object.geometry.boundingBox.clone().translate(object.position);
+      for (const end of ["min", "max"]) assert.ok(found[end].distanceTo(box[end]) < 1e-5 * model.scale, `${path} ${options}`);
+    }
+  }
 });
 
 test("a ray march has the place and size of its solid", async () => {

@@ -64,11 +64,11 @@ function fail(error: unknown): void {
 /** Let the page show what was said. */
 const pause = (): Promise<void> => new Promise((resolve) => setTimeout(resolve, 20));
 
-async function open(fileName: string, data: ArrayBuffer): Promise<void> {
+async function open(fileName: string, data: ArrayBuffer, isMesh = /\.(ply|obj|stl)$/i.test(fileName)): Promise<void> {
   element("error").textContent = "";
   document.body.dataset["state"] = "busy";
   try {
-    if (/\.(ply|obj|stl)$/i.test(fileName)) {
+    if (isMesh) {
       original = readOriginal(fileName, data);
       element("original-label").hidden = false;
       select("original").value = "over";
@@ -310,7 +310,7 @@ const inside = element("cndhf-file").textContent?.trim();
 const url = new URLSearchParams(location.search).get("url");
 if (inside) {
   const data = Uint8Array.from(atob(inside), (c) => c.charCodeAt(0));
-  void open(element("cndhf-file").dataset["name"] ?? "shape.cndhf", data.buffer);
+  void open(element("cndhf-file").dataset["name"] ?? "shape.cndhf", data.buffer, false);
 } else if (url) {
   fetch(url).then(async (response) => {
     if (!response.ok) throw new Error(`${url}: ${response.status} ${response.statusText}`);
