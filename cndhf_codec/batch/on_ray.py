@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,6 +14,7 @@ from .pool import TELL, Pool
 # Evidence for these constants: ADR 042.
 RETRIES = 3  # of a file whose Ray worker or machine has gone
 AHEAD = 2  # tasks for each processor of the cluster, so that none waits for this process
+PATIENCE = 10  # seconds for the cluster to answer
 
 _pools: dict[Limits, Pool] = {}  # of a Ray worker process: one, which stays warm from task to task
 
@@ -37,9 +39,12 @@ class OnRay:
                         address="local", num_cpus=_processors(jobs, limits), include_dashboard=False, **quiet
                     )
                 else:
+                    _reach(address)
                     self._ray.init(address=address, **quiet)
-            except (ConnectionError, ValueError, RuntimeError) as exc:
-                raise OptionError(f"ray {address}: {' '.join(str(exc).split())[:300]}") from exc
+            except (OSError, ValueError, RuntimeError) as exc:  # ConnectionError, too
+                raise OptionError(
+                    f"ray: no cluster at {address} ({_last(exc)}); start one with ray start --head, or use local"
+                ) from exc
         self._task = self._ray.remote(num_cpus=limits.threads, max_retries=RETRIES)(_encode)
 
     def results(self, jobs: Iterator[Job]) -> Iterator[Result | None]:
@@ -81,6 +86,13 @@ def _encode(job: Job, limits: Limits) -> Result:
     if limits not in _pools:
         _pools[limits] = Pool(1, limits)
     return next(result for result in _pools[limits].results(iter([job])) if result is not None)
+
+
+def _reach(address: str) -> None:
+    """Raise OSError where nothing answers: Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if port.isdigit():
+        socket.create_connection((host.strip("[]"), int(port)), PATIENCE).close()
 
 
 def _processors(jobs: int | None, limits: Limits) -> int | None:

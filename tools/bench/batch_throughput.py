@@ -3,7 +3,7 @@
 Makes up to 200 files of the corpus: its 40 meshes, and of each one that is turned, one that is scaled, and two with a
 quarter and a sixteenth of the faces. Then
 
-- encodes them with `cndhf-batch --jobs J`, and with J shells that each loop `cndhf-encode` over a part, and compares the
+- encodes them with `cndhf-batch --jobs J`, and with J shells that each loop `cndhf-encode` over a part; compares the
   bytes;
 - encodes them again with a `cndhf-batch` that is killed (SIGKILL) some times and run again, and compares the bytes;
 - with --ray, encodes them with two Ray workers of a `ray start --head`, one of which is killed, and compares the bytes.
