@@ -27,6 +27,8 @@ CALLS = {
     "eval", "exec", "compile", "__import__", "os.system", "os.popen", "os.execv", "os.execve", "os.execvp", "os.spawnv",
     "os.posix_spawn", "os.fork", "torch.load", "torch.save", "torch.hub.load", "np.fromfile", "numpy.fromfile",
 }  # fmt: skip
+TEXT_ONLY = {"urllib.parse"}  # cuts and joins text
+ASKED_FOR = {"batch/on_ray.py": ["socket"]}  # a user's --ray: whether the cluster answers
 KEYWORDS = {"allow_pickle", "shell", "allow_remote"}
 
 
@@ -37,7 +39,8 @@ def violations(source: str) -> list[str]:
         if isinstance(node, ast.Import):
             found += [a.name for a in node.names if a.name.split(".")[0] in MODULES]
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            found += [str(node.module)] if str(node.module).split(".")[0] in MODULES else []
+            module = str(node.module)
+            found += [module] if module.split(".")[0] in MODULES and module not in TEXT_ONLY else []
         elif isinstance(node, ast.Call):
             name = ast.unparse(node.func)
             found += [name] if name in CALLS else []
@@ -52,7 +55,8 @@ def violations(source: str) -> list[str]:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_a_module_runs_nothing_and_asks_nobody(path):
-    assert violations(path.read_text("utf-8")) == []
+    asked_for = ASKED_FOR.get(path.relative_to(PACKAGE).as_posix(), [])
+    assert violations(path.read_text("utf-8")) == asked_for
 
 
 def test_there_are_modules_to_look_at():

@@ -11,6 +11,8 @@ from urllib.parse import unquote
 
 from ..errors import InputError
 from ..files import PIECE
+from ..mesh.formats.common import UnreadableError
+from ..mesh.read import MOST_BYTES, unpacked
 
 
 def check_regular(path: Path) -> os.stat_result:
@@ -38,9 +40,6 @@ def beside(path: Path) -> list[str]:
     """Names of the buffers that a .gltf has in its own folder and below it; none of another file. Raises InputError."""
     if ".gltf" not in PurePosixPath(path.name.lower()).suffixes:
         return []
-    from ..mesh.formats.common import UnreadableError
-    from ..mesh.read import MOST_BYTES, unpacked  # numpy, which the command itself has no use for
-
     try:
         with open(path, "rb") as file:
             buffers = json.loads(unpacked(file.read(MOST_BYTES)))["buffers"]

@@ -12,10 +12,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
+from ..mesh.read import EXTENSIONS, PACKED
 from . import remote
 
-ENDINGS = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3mf")  # as mesh/read.py, which needs numpy
-PACKED = (".gz", ".bz2", ".xz", ".zst")
+# Evidence for this constant: ADR 042.
 TICK = 2.0  # seconds; the coarsest clock of a common file system, FAT's
 
 
@@ -83,15 +83,15 @@ def stamp_of(status: os.stat_result) -> str:
 
 def _stem(name: str) -> str:
     path = PurePosixPath(name)
-    if path.suffix.lower() in PACKED:
+    if path.suffix.lower() in PACKED.values():
         path = path.with_suffix("")
     return str(path.with_suffix(""))
 
 
 def _wanted(name: str, include: Sequence[str]) -> bool:
     path = PurePosixPath(name)
-    kind = PurePosixPath(path.stem).suffix if path.suffix.lower() in PACKED else path.suffix
-    if kind.lower() not in ENDINGS or any(part.startswith(".") for part in path.parts):
+    kind = PurePosixPath(path.stem).suffix if path.suffix.lower() in PACKED.values() else path.suffix
+    if kind.lower() not in EXTENSIONS or any(part.startswith(".") for part in path.parts):
         return False
     return not include or any(fnmatchcase(name if "/" in glob else path.name, glob) for glob in include)
 

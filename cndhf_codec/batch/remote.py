@@ -77,9 +77,9 @@ def store(url: str, data: bytes) -> None:
 
 
 def _system(url: str, kind: type[InputError | OutputError]) -> tuple[Any, str]:
-    fsspec = require("fsspec", "cluster")
+    core = require("fsspec.core", "cluster")
     try:
-        system, path = fsspec.url_to_fs(url)
+        system, path = core.url_to_fs(url)
     except ValueError as exc:  # an unknown protocol
         raise OptionError(f"{url}: {_line(exc)}") from exc
     except Exception as exc:  # a library of the protocol is not installed, no permission: every system has its own

@@ -11,6 +11,7 @@ from typing import TextIO
 
 from ..batch.jobs import OUTCOMES, Result
 from ..encoder.progress import duration
+from ..mesh.wording import counted
 from .summary import change
 
 BAR = 20  # characters, at most
@@ -86,7 +87,7 @@ class Lines(Display):
         super().ended(result)
         if result.outcome == "done" and result.fresh and not self._quiet:
             done = f"{self.counts.total()}/{self.total}"
-            notes = f", {len(result.warnings)} warnings" if result.warnings else ""
+            notes = f", {counted(len(result.warnings), 'warning')}" if result.warnings else ""
             sys.stdout.write(f"{done} {result.input}: {_sizes(result)}, {result.seconds:.0f} s{notes}\n")
             sys.stdout.flush()
 

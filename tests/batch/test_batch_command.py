@@ -87,7 +87,7 @@ def test_json_names_all_that_is_bad_and_an_exit_code_says_so(tmp_path, monkeypat
     poison(tmp_path / "custom", monkeypatch)
     write(tmp_path / "in", a="fine", b="crash", c="bad", d="hang", e="eat")
     os.mkfifo(tmp_path / "in" / "pipe.ply")
-    limits = ("--timeout", 4, "--memory", "1.5GB", "--json")
+    limits = ("--timeout", 10, "--memory", "0.9GB", "--json")
     done = call("batch", tmp_path / "in", tmp_path / "out", "--preset", "fast", *limits)
     assert (done.returncode, done.stderr) == (1, "")
     lines = [json.loads(line) for line in done.stdout.splitlines()]

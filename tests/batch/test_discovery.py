@@ -7,9 +7,8 @@ import time
 
 import pytest
 
-from cndhf_codec.batch.discovery import ENDINGS, PACKED, find, output_names
+from cndhf_codec.batch.discovery import find, output_names
 from cndhf_codec.errors import InputError
-from cndhf_codec.mesh import read
 
 
 def put(folder, *names):
@@ -20,11 +19,6 @@ def put(folder, *names):
 
 def names(listing):
     return [found.name for found in listing.files]
-
-
-def test_the_extensions_are_those_that_are_read():
-    assert ENDINGS == read.EXTENSIONS
-    assert sorted(PACKED) == sorted(read.PACKED.values())
 
 
 def test_meshes_are_found_in_all_folders_in_order(tmp_path):

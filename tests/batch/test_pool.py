@@ -44,11 +44,10 @@ def test_faults_of_all_kinds_are_named_and_the_others_are_done(folder):
     found = results(
         folder,
         jobs=2,
-        limits=Limits(memory=1_500_000_000, timeout=5),
+        limits=Limits(memory=900_000_000),
         first="fine",
         crash="crash",
         eat="eat",
-        hang="hang",
         bug="bug",
         bad="bad",
         last="fine",
@@ -57,19 +56,24 @@ def test_faults_of_all_kinds_are_named_and_the_others_are_done(folder):
         "first": "done",
         "crash": "crashed",
         "eat": "memory",
-        "hang": "timeout",
         "bug": "failed",
         "bad": "failed",
         "last": "done",
     }
     assert "SIGSEGV" in found["crash"].reason
-    assert "over the 1.50 of --memory" in found["eat"].reason
-    assert "longer than the 5 s" in found["hang"].reason
+    assert "over the 0.90 of --memory" in found["eat"].reason
     assert found["bug"].reason == "unexpected KeyError: 'a fault of the program'"
     assert found["bad"].reason == "is bad"  # without the path, which the line begins with
     assert found["last"].data == b"# fine\n" * 2
     assert (found["last"].mean_error, found["last"].warnings) == (0.1, ("rough",))
     assert all(len(r.hash) == 64 for r in found.values())
+
+
+def test_a_file_that_does_not_end_costs_its_time_only(folder):
+    found = results(folder, limits=Limits(timeout=2), a="fine", b="hang", c="fine")
+    assert [r.outcome for r in found.values()] == ["done", "timeout", "done"]
+    assert found["b"].reason == "took longer than the 2 s of --timeout"
+    assert 2 <= found["b"].seconds < 60
 
 
 def test_what_an_old_worker_does_not_stand_a_new_one_may(folder):

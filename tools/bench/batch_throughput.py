@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -119,7 +120,7 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
 
 
 def outcomes(folder: Path) -> str:
-    with sqlite3.connect(folder / "cndhf-batch.sqlite") as base:
+    with closing(sqlite3.connect(folder / "cndhf-batch.sqlite")) as base:
         found = base.execute("SELECT outcome, count(*) FROM files GROUP BY outcome ORDER BY outcome").fetchall()
     return ", ".join(f"{n} {outcome}" for outcome, n in found)
 

@@ -13,12 +13,12 @@ from pathlib import Path
 import click
 
 TARGET = Path(__file__).resolve().parents[2] / "docs" / "cli.md"
-COMMANDS = ("encode", "decode", "info", "compare")
+COMMANDS = ("encode", "decode", "info", "compare", "batch")
 ELSEWHERE = ("version", "help")  # options that every command has; said once, above
 INTRODUCTION = """\
 # Commands
 
-The options of the four commands, written by `tools/docs/cli_reference.py` from the commands' own help. Do not edit.
+The options of the five commands, written by `tools/docs/cli_reference.py` from the commands' own help. Do not edit.
 
 Every command has `--help` (`-h`) and `--version`. INPUT and OUTPUT are files; `-` is the standard input or output where
 a command says so. Sizes are bytes, such as 4096, 4KB or 4KiB. Lengths are a share of the diagonal of the bounding box
