@@ -52,16 +52,20 @@ class OnRay:
         ray = self._ray
         pending: dict[Any, Job] = {}
         while True:
-            while len(pending) < self._room():
+            room = self._room()
+            while len(pending) < room:
                 job = next(jobs, None)
                 if job is None:
                     break
                 pending[self._task.remote(job, self._limits)] = job
             if not pending:
                 return
-            ready, _ = ray.wait(list(pending), timeout=TELL)
+            waited = list(pending)
+            ready, _ = ray.wait(waited, timeout=TELL)
             if not ready:
                 yield None
+            elif len(waited) > 1:  # each wait looks at all of them: take what has ended together
+                ready, _ = ray.wait(waited, num_returns=len(waited), timeout=0)
             for reference in ready:
                 job = pending.pop(reference)
                 try:

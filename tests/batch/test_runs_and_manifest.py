@@ -115,6 +115,7 @@ def test_a_change_of_content_counts_and_not_one_of_time(order, tmp_path):
     put(tmp_path / "in" / "a.obj", "a.obj", 1.1e9)
     put(tmp_path / "in" / "sub" / "b.obj", "other", 1.1e9)
     assert again(order)[0] == ["sub/b.obj"]
+    assert again(order)[0] == []
     with open(tmp_path / "out" / "a.cndhf", "a") as file:
         file.write("!")
     (tmp_path / "out" / "sub" / "b.cndhf").unlink()
