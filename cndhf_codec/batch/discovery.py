@@ -97,7 +97,7 @@ def _wanted(name: str, include: Sequence[str]) -> bool:
 
 
 def _remote(root: str) -> Iterator[tuple[str, str, str]]:
-    for name, stamp in remote.find(root):
+    for name, stamp in remote.stamps(root):
         yield name, _of_kind(name, stamp), ""
 
 

@@ -25,7 +25,7 @@ def encode_many(
     ray: str | None = None,
     **options: Any,
 ) -> Iterator[Result]:
-    """Encode many mesh files, each in a worker process, and yield what became of each as it ends.
+    """Encode many mesh files, each in a worker process, and tell what became of each as it ends.
 
     A mesh that fails, crashes its process or exceeds a limit is a result with the reason, and stops nothing. A program
     that calls this has to keep its own work under ``if __name__ == "__main__":``, since the workers import it.
@@ -46,9 +46,9 @@ def encode_many(
     **options
         Those of `cndhf_codec.encode`, but for `threads`, `time_limit` and `progress`.
 
-    Yields
-    ------
-    Result
+    Returns
+    -------
+    iterator of Result
         In the order in which they end.
 
     Raises
@@ -69,23 +69,27 @@ def encode_many(
     """
     check_options(options)
     sources = [os.fspath(path) for path in paths]
-    if len(set(sources)) < len(sources):
-        raise OptionError("paths has a path twice; give each once")
-    names = output_names([PurePosixPath(s.replace(os.sep, "/")).name for s in sources]) if folder else {}
-    runner = runner_for(jobs, limits or Limits(), ray)
+    targets = _targets(sources, os.fspath(folder)) if folder is not None else {}
+    work = [Job(source, source, targets.get(source), options, __version__) for source in sources]
+    return _results(work, runner_for(jobs, limits or Limits(), ray))
 
-    def work() -> Iterator[Job]:
-        for source in sources:
-            name = PurePosixPath(source.replace(os.sep, "/")).name
-            target = remote.join(os.fspath(folder), names[name]) if folder else None
-            yield Job(source, source, target, options, __version__)
 
+def _results(work: list[Job], runner: Runner) -> Iterator[Result]:
     try:
-        for result in runner.results(work()):
+        for result in runner.results(iter(work)):
             if result is not None:
                 yield result
     finally:
         runner.close()
+
+
+def _targets(sources: list[str], folder: str) -> dict[str, str]:
+    """The output of each input. Raises OptionError where two inputs would have the same."""
+    names = {source: PurePosixPath(source.partition("::")[0].replace(os.sep, "/")).name for source in sources}
+    if len(set(names.values())) < len(sources):
+        raise OptionError("two of the paths have the same name, and would have the same output; give each a folder")
+    outputs = output_names(list(names.values()))
+    return {source: remote.join(folder, outputs[name]) for source, name in names.items()}
 
 
 def check_options(options: dict[str, Any]) -> None:

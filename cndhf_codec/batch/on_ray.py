@@ -43,7 +43,8 @@ class OnRay:
                     self._ray.init(address=address, **quiet)
             except (OSError, ValueError, RuntimeError) as exc:  # ConnectionError, too
                 raise OptionError(
-                    f"ray: no cluster at {address} ({_last(exc)}); start one with ray start --head, or use local"
+                    f"ray: no cluster at {address} ({_last(exc)}); start one with ray start --head, or use local; one "
+                    "that asks for a token needs RAY_AUTH_MODE=token in the environment"
                 ) from exc
         self._task = self._ray.remote(num_cpus=limits.threads, max_retries=RETRIES)(_encode)
 

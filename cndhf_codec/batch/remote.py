@@ -20,7 +20,8 @@ def join(place: str, name: str) -> str:
     if not is_url(place):
         return str(Path(place, *name.split("/")))
     head, mark, tail = place.partition("::")  # a chain of file systems: the first has the name
-    return f"{head.rstrip('/')}/{name}{mark}{tail}"
+    below = head if head.endswith("://") else f"{head.rstrip('/')}/"
+    return f"{below}{name}{mark}{tail}"
 
 
 def beside(url: str, name: str) -> str:
@@ -29,28 +30,15 @@ def beside(url: str, name: str) -> str:
     return f"{head.rpartition('/')[0]}/{name}{mark}{tail}"
 
 
-def find(url: str) -> Iterator[tuple[str, str]]:
+def stamps(url: str) -> Iterator[tuple[str, str]]:
     """Yield the names of all files below a folder, with slashes, and their stamps. Raises InputError."""
-    system, root = _system(url, InputError)
-    try:
-        if not system.isdir(root):
-            raise InputError(f"{url}: is no folder; name one, or encode a single file with cndhf-encode")
-        found = system.find(root, detail=True)
-    except Exception as exc:
-        raise _error(url, "read", exc, InputError) from exc
-    for path, about in found.items():
-        yield posixpath.relpath("/" + path.lstrip("/"), "/" + root.strip("/")), _stamp(about)
+    for name, about in _below(url, InputError):
+        yield name, _stamp(about)
 
 
-def size_of(url: str) -> int | None:
-    """Bytes of a file, or None where there is none. Raises OutputError."""
-    system, path = _system(url, OutputError)
-    try:
-        return int(system.info(path)["size"])
-    except FileNotFoundError:
-        return None
-    except Exception as exc:
-        raise _error(url, "read", exc, OutputError) from exc
+def sizes(url: str) -> dict[str, int]:
+    """Bytes of all files below a folder, by name; none where it is not there yet. Raises OutputError."""
+    return {name: int(about["size"]) for name, about in _below(url, OutputError)}
 
 
 def fetch(url: str, folder: Path) -> Path:
@@ -74,6 +62,20 @@ def store(url: str, data: bytes) -> None:
         system.pipe_file(path, data)
     except Exception as exc:
         raise _error(url, "written", exc, OutputError) from exc
+
+
+def _below(url: str, kind: type[InputError | OutputError]) -> Iterator[tuple[str, dict[str, Any]]]:
+    system, root = _system(url, kind)
+    try:
+        if not system.isdir(root):
+            if kind is OutputError:
+                return
+            raise InputError(f"{url}: is no folder; name one, or encode a single file with cndhf-encode")
+        found = system.find(root, detail=True)
+    except Exception as exc:
+        raise _error(url, "read", exc, kind) from exc
+    for path, about in found.items():
+        yield posixpath.relpath("/" + path.lstrip("/"), "/" + root.strip("/")), about
 
 
 def _system(url: str, kind: type[InputError | OutputError]) -> tuple[Any, str]:

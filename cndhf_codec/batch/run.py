@@ -80,6 +80,8 @@ class _Run:
     def __init__(self, order: Order, manifest: Manifest, watcher: Watcher) -> None:
         self._order, self._manifest, self._watcher = order, manifest, watcher
         self._options = json.dumps(dict(order.options), sort_keys=True)
+        # Of a URL all at once: a question for each file would take as long as the encodes.
+        self._sizes = remote.sizes(order.target) if remote.is_url(order.target) else None
         self._given: dict[str, tuple[Found, Row | None]] = {}  # files that are worked on
 
     def through(self, runner: Runner) -> None:
@@ -107,11 +109,15 @@ class _Run:
         order = self._order
         for found in files:
             row, target = self._manifest.get(found.name), remote.join(order.target, found.output)
-            known = self._known(found, row, target)
+            known = self._known(found, row)
             if row is not None and known and found.stamp and found.stamp == row.stamp:
                 self._watcher.ended(row.result())
                 continue
-            if not order.overwrite and (row is None or row.output != found.output) and _size(target) is not None:
+            if (
+                not order.overwrite
+                and (row is None or row.output != found.output)
+                and self._size(found.output) is not None
+            ):
                 reason = f"{target}: exists, and no earlier run has made it; pass --overwrite to replace it"
                 self._record(Found(found.name, "", "", ""), Result(found.name, "failed", reason=reason))
                 continue
@@ -121,15 +127,23 @@ class _Run:
             self._watcher.started(found.name)
             yield job
 
-    def _known(self, found: Found, row: Row | None, target: str) -> str:
+    def _known(self, found: Found, row: Row | None) -> str:
         """Hash of the content with which this file would be what it is already; "" where it has to be encoded."""
         if row is None or self._order.force:
             return ""
         if (row.output, row.options, row.version) != (found.output, self._options, __version__):
             return ""
         if row.outcome == "done":
-            return row.hash if _size(target) == row.bytes else ""
+            return row.hash if self._size(found.output) == row.bytes else ""
         return "" if self._order.retry_failed or row.outcome == STARTED else row.hash
+
+    def _size(self, output: str) -> int | None:
+        """Bytes of an output before this run; None where there is none."""
+        if self._sizes is not None:
+            return self._sizes.get(output)
+        with suppress(OSError, ValueError):
+            return os.stat(remote.join(self._order.target, output)).st_size
+        return None
 
     def _record(self, found: Found, result: Result) -> None:
         values = {k: v for k, v in vars(result).items() if k not in ("fresh", "data", "output")}
@@ -137,12 +151,3 @@ class _Run:
             Row(output=found.output, stamp=found.stamp, options=self._options, version=__version__, **values)
         )
         self._watcher.ended(result)
-
-
-def _size(target: str) -> int | None:
-    """Bytes of an output; None where there is none."""
-    if remote.is_url(target):
-        return remote.size_of(target)
-    with suppress(OSError, ValueError):
-        return os.stat(target).st_size
-    return None

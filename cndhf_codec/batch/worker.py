@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import shutil
@@ -38,12 +39,17 @@ def serve(connection: Connection, threads: int, log: str) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     prepare(threads)
     connection.send(READY)
+    frozen = False
     while True:
         try:
             job = connection.recv()
         except EOFError:
             return
         connection.send(work(job, threads, connection.send))
+        if not frozen:  # what the first file has loaded is here to stay: not to look at it again saves 6 %
+            gc.collect()
+            gc.freeze()
+            frozen = True
 
 
 def prepare(threads: int) -> None:

@@ -30,6 +30,7 @@ def memory():
 
 def test_names_below_and_beside():
     assert remote.join("s3://b/in/", "x/a.ply") == "s3://b/in/x/a.ply"
+    assert remote.join("zip://::/d/a.zip", "x/a.ply") == "zip://x/a.ply::/d/a.zip"
     assert remote.join("zip://in::/d/a.zip", "a.ply") == "zip://in/a.ply::/d/a.zip"
     assert remote.beside("zip://a.gltf::/d/a.zip", "a.bin") == "zip://a.bin::/d/a.zip"
     assert remote.join("folder", "x/a.ply") == os.path.join("folder", "x", "a.ply")
@@ -73,8 +74,8 @@ def test_a_worker_fetches_what_a_file_names_and_writes_the_output(memory, monkey
     assert seen == {"a.gltf": GLTF, os.path.join("more", "a.bin"): b"x"}
     remote.store("memory://out/x/a.cndhf", b"file")
     assert memory.cat("/out/x/a.cndhf") == b"file"
-    assert remote.size_of("memory://out/x/a.cndhf") == 4
-    assert remote.size_of("memory://out/x/b.cndhf") is None
+    assert remote.sizes("memory://out") == {"x/a.cndhf": 4}
+    assert remote.sizes("memory://gone") == {}
 
 
 def test_what_cannot_be_fetched_is_named(memory):
@@ -124,6 +125,9 @@ def test_workers_read_from_an_archive(tmp_path, monkeypatch):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
         archive.writestr("x/a.obj", "# fine\n")
         archive.writestr("x/b.obj", "# bad\n")
+    assert [f.source for f in find(f"zip://::{tmp_path}/a.zip").files] == [
+        f"zip://x/{name}.obj::{tmp_path}/a.zip" for name in "ab"
+    ]
     urls = [f"zip://x/{name}.obj::{tmp_path}/a.zip" for name in "ab"]
     found = {r.input: r for r in encode_many(urls, tmp_path / "out", jobs=1, preset="fast")}
     assert [found[url].outcome for url in urls] == ["done", "failed"]

@@ -143,7 +143,7 @@ def on_ray(source: Path, target: Path, options: Sequence[str]) -> None:
     head = ["start", "--head", "--num-cpus=2", "--port=6399", "--include-dashboard=false", "--disable-usage-stats"]
     subprocess.run([ray, *head], check=True, **quiet)  # type: ignore[call-overload]
     try:
-        process = batch(source, target, [*options, "--ray", "127.0.0.1:6399"])
+        process = batch(source, target, [*options, "--ray", "auto"])
         while not list(target.rglob("*.cndhf")) and process.poll() is None:
             time.sleep(0.2)
         victim = next(p for p in psutil.process_iter(["cmdline"]) if (p.info["cmdline"] or [""])[0] == "ray::_encode")
