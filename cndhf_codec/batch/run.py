@@ -113,11 +113,8 @@ class _Run:
             if row is not None and known and found.stamp and found.stamp == row.stamp:
                 self._watcher.ended(row.result())
                 continue
-            if (
-                not order.overwrite
-                and (row is None or row.output != found.output)
-                and self._size(found.output) is not None
-            ):
+            ours = row is not None and row.output == found.output
+            if not (ours or order.overwrite) and self._size(found.output) is not None:
                 reason = f"{target}: exists, and no earlier run has made it; pass --overwrite to replace it"
                 self._record(Found(found.name, "", "", ""), Result(found.name, "failed", reason=reason))
                 continue
