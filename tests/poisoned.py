@@ -39,6 +39,11 @@ if any("spawn_main" in word for word in sys.orig_argv):  # a worker
             time.sleep(600)
         if verb == "bug":
             raise KeyError("a fault of the program")
+        if verb == "threads":
+            from cndhf_codec.decoder.parallel import processors
+            import numba
+            found = [os.environ["OMP_NUM_THREADS"], numba.get_num_threads(), processors(), options["threads"]]
+            raise CndhfError(" ".join(map(str, found)))
         if verb == "bad":
             raise CndhfError(f"{source}: is bad")
         time.sleep(float(rest[0]) if rest else 0)

@@ -151,6 +151,14 @@ def alive(pid: int) -> bool:
         return False
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_worker_has_the_threads_that_it_may_have(folder, threads):
+    from cndhf_codec.decoder.parallel import processors
+
+    found = results(folder, limits=Limits(threads=threads), a="threads")
+    assert found["a"].reason == f"{threads} {threads} {min(threads, processors())} {threads}"
+
+
 def test_the_environment_of_the_parent_is_as_before(folder, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
