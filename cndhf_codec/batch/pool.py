@@ -70,8 +70,9 @@ class Pool:
                 return
             self._wait([w for _, w in busy])
             for k, worker in busy:
-                worker.check_limits()
                 result = worker.outcome()
+                if result is None and worker.over_limit():
+                    result = worker.outcome()
                 if result is None:
                     continue
                 job = worker.take()
@@ -145,8 +146,8 @@ class _Worker:
             return float("inf")
         return self._limits.timeout - (time.monotonic() - self._started)
 
-    def check_limits(self) -> None:
-        """End the process where it exceeds a limit."""
+    def over_limit(self) -> bool:
+        """End the process, and return True, where it exceeds a limit."""
         memory = self._limits.memory
         if memory is not None and (used := self._memory()) > memory:
             self.end()
@@ -158,6 +159,7 @@ class _Worker:
         elif self.time_left() <= 0:
             self.end()
             self._over = "timeout", f"took longer than the {self._limits.timeout:g} s of --timeout"
+        return self._over is not None
 
     def _memory(self) -> int:
         import psutil
