@@ -9,6 +9,7 @@ import pytest
 from places import ROOT
 
 MODULES = [
+    pytest.param("cndhf_codec.batch.many", marks=pytest.mark.encode),
     "cndhf_codec.decoder.gridfile",
     "cndhf_codec.decoder.limits",
     "cndhf_codec.decoder.meshfile",
@@ -25,6 +26,7 @@ MODULES = [
 ]
 # What their examples need besides numpy and zstandard. Where it is missing, the test is skipped.
 NEEDS = {
+    "cndhf_codec.batch.many": ["numba"],
     "cndhf_codec.decoder.meshfile": ["trimesh"],
     "cndhf_codec.encoder.check": ["igl", "embreex"],
     "cndhf_codec.encoder.pipeline": ["torch", "numba"],

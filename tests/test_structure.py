@@ -19,6 +19,7 @@ MANY_ARGUMENTS = {
     "cndhf_codec.encoder.pipeline.encode",
     "cndhf_codec.cli.encode.command",
     "cndhf_codec.cli.decode.command",
+    "cndhf_codec.cli.batch.command",
 }
 
 
@@ -71,13 +72,14 @@ def below(*folders: str) -> list[str]:
 @pytest.mark.parametrize(
     ("folder", "others"),
     [
-        ("viewer", ("format", "mesh", "decoder", "encoder", "report", "integrations", "cli")),
-        ("format", ("mesh", "decoder", "encoder", "report", "integrations", "cli")),
-        ("mesh", ("decoder", "encoder", "report", "integrations", "cli")),
-        ("decoder", ("mesh", "encoder", "report", "integrations", "cli")),
-        ("encoder", ("report", "integrations", "cli")),
-        ("report", ("encoder", "integrations", "cli")),
-        ("integrations", ("encoder", "report", "cli")),
+        ("viewer", ("format", "mesh", "decoder", "encoder", "report", "integrations", "batch", "cli")),
+        ("format", ("mesh", "decoder", "encoder", "report", "integrations", "batch", "cli")),
+        ("mesh", ("decoder", "encoder", "report", "integrations", "batch", "cli")),
+        ("decoder", ("mesh", "encoder", "report", "integrations", "batch", "cli")),
+        ("encoder", ("report", "integrations", "batch", "cli")),
+        ("report", ("encoder", "integrations", "batch", "cli")),
+        ("integrations", ("encoder", "report", "batch", "cli")),
+        ("batch", ("integrations", "cli")),
         ("encoder.dhf", ("encoder.paper", "encoder.pipeline", "encoder.settings")),
         ("encoder.dhf.network", ("encoder.dhf.axes", "encoder.dhf.fit", "encoder.dhf.rounding")),
         ("encoder.dhf.fit", ("encoder.dhf.axes", "encoder.dhf.rounding")),
@@ -97,7 +99,10 @@ def test_arrows_point_one_way(folder, others):
         ("numba", ("encoder.dhf.network", "encoder.pipeline", "encoder.surface")),
         ("llvmlite", ("encoder.dhf.network",)),
         ("click", ("cli",)),
-        ("matplotlib", ("report", "cli.compare")),
+        ("matplotlib", ("report", "batch.report", "cli.compare")),
+        ("ray", ("batch.on_ray",)),
+        ("fsspec", ("batch.remote",)),
+        ("psutil", ("batch.pool",)),
         (
             "trimesh",
             (

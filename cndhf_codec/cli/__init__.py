@@ -40,13 +40,18 @@ def view() -> None:
     sys.exit(_run("view"))
 
 
+def batch() -> None:
+    """Run `cndhf-batch`."""
+    sys.exit(_run("batch"))
+
+
 def _run(name: str) -> int:
     program = f"cndhf-{name}"
     if isinstance(sys.stdout, io.TextIOWrapper):
         # Do not fail at the end because the terminal's encoding lacks a character of a file name.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        extra = {"encode": "encode", "decode": "mesh", "info": "cli", "compare": "compare", "view": "cli"}[name]
+        extra = {"encode": "encode", "decode": "mesh", "info": "cli", "compare": "compare", "view": "cli", "batch": "encode"}[name]
         click = require("click", extra)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)

@@ -46,22 +46,26 @@ def summary(source: Path, target: Path, model: Model, verbose: bool) -> str:
 
     pieces = counted(decoded.parts + decoded.minor, "piece")
     lines.append(
-        f"{_change(source, size)}, mean error {share(d.mean)} of the diagonal, p99 {share(d.p99)}, maximum "
+        f"{change(_size(source), size)}, mean error {share(d.mean)} of the diagonal, p99 {share(d.p99)}, maximum "
         f"{share(d.maximum)}, {pieces}, {sum(report.seconds.values()):.0f} s"
     )
     return "\n".join(lines)
 
 
-def _change(source: Path, size: int) -> str:
-    """From how many bytes to how many."""
+def _size(source: Path) -> int:
+    """Bytes of the input; 0 where that cannot be told."""
     try:
-        before = 0 if source == STREAM else source.stat().st_size
+        return 0 if source == STREAM else source.stat().st_size
     except OSError:  # removed meanwhile
-        before = 0
+        return 0
+
+
+def change(before: int, after: int) -> str:
+    """From how many bytes to how many; before: 0 where that is not known."""
     if not before:
-        return _bytes(size)
-    ratio = before / size
-    return f"{_bytes(before)} -> {_bytes(size)} ({ratio:.{0 if ratio >= 10 else 1}f}:1)"
+        return _bytes(after)
+    ratio = before / after
+    return f"{_bytes(before)} -> {_bytes(after)} ({ratio:.{0 if ratio >= 10 else 1}f}:1)"
 
 
 def _bytes(size: int) -> str:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 # BLAS divides products of more multiplications than this among threads of its own, which compete with ours.
 MULTIPLICATIONS_IN_ONE_THREAD = 2**18
 
+_limit: int | None = None  # of the threads, beside the number of processors
 _this_thread = threading.local()  # `.works`: whether this thread is at work in `over_rows`
 
 
@@ -73,9 +74,16 @@ def matmul(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return out
 
 
+def limit_threads(most: int) -> None:
+    """Let this process use at most so many threads; other processes have the other processors."""
+    global _limit
+    _limit = most
+
+
 def processors() -> int:
     """How many processors this process may use."""
     try:
-        return len(os.sched_getaffinity(0))
+        allowed = len(os.sched_getaffinity(0))
     except AttributeError:  # not on every system
-        return os.cpu_count() or 1
+        allowed = os.cpu_count() or 1
+    return allowed if _limit is None else min(allowed, _limit)

@@ -145,7 +145,7 @@ class Bar:
         if self._verbose and not math.isnan(loss):
             word += f", loss {loss:.2e}"
         share = self._estimate.done
-        tail = f" {100 * share:3.0f} %, {'' if left is None else f'{_duration(left)} left, '}{word}"
+        tail = f" {100 * share:3.0f} %, {'' if left is None else f'{duration(left)} left, '}{word}"
         room = columns - 1 - len(tail)
         bar = ""
         if room >= 5:
@@ -165,7 +165,8 @@ class Bar:
         self._estimate, self._shown = None, ""
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Write a time for people: 12 s, 3 min 05 s, 2 h 10 min."""
     whole = max(round(seconds), 1)
     return (
         f"{whole} s"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ..errors import OptionError
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-BYTES = {"b": 1, "kb": 1000, "kib": 1024, "mb": 1000**2, "mib": 1024**2}
+BYTES = {"b": 1, "kb": 1000, "kib": 1024, "mb": 1000**2, "mib": 1024**2, "gb": 1000**3, "gib": 1024**3}
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,16 @@ def parse_length(text: str | float, unit: str | None, what: str) -> Length:
     return Length(value * METRES[suffix] / METRES[unit], relative=False)
 
 
-def parse_size(text: str | int) -> int:
-    """Parse a file size such as 4096, "4096", "4KB", "4.5KiB" or "1MB" to bytes. Raises OptionError."""
+def parse_size(text: str | int, what: str = "target size") -> int:
+    """Parse a size such as 4096, "4096", "4KB", "4.5KiB" or "1MB" to bytes.
+
+    Raises OptionError, whose message calls the size `what`.
+    """
     if isinstance(text, numbers.Integral) and not isinstance(text, bool):
         return int(text)
     match = None
     if isinstance(text, str):
-        match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(B|KB|KiB|MB|MiB)?\s*", text, re.IGNORECASE)
+        match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(B|KB|KiB|MB|MiB|GB|GiB)?\s*", text, re.IGNORECASE)
     if match is None:
-        raise OptionError(f"target size is {text!r}; give bytes, or a number with B, KB, KiB, MB or MiB")
+        raise OptionError(f"{what} is {text!r}; give bytes, or a number with B, KB, KiB, MB, MiB, GB or GiB")
     return int(float(match[1]) * BYTES[(match[2] or "B").lower()])

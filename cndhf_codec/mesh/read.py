@@ -145,7 +145,7 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
     try:
         if len(data) == MOST_BYTES:
             raise UnreadableError(f"has {MOST_BYTES} bytes or more, which is more than is read")
-        data = _unpacked(data)
+        data = unpacked(data)
         if data.startswith(tuple(PACKED)):
             raise UnreadableError("is compressed twice; unpack it once")
         found = recognise.recognise(data)
@@ -165,8 +165,8 @@ def _of_bytes(data: bytes, name: str, kind: str | None, beside: Fetch) -> Mesh:
     return replace(checked(read.vertices, read.faces, name), notes=tuple(notes), lost=tuple(read.lost))
 
 
-def _unpacked(data: bytes) -> bytes:
-    """Decompress a file's bytes; those of other files are returned as they are."""
+def unpacked(data: bytes) -> bytes:
+    """Decompress a file's bytes; those of other files are returned as they are. Raises UnreadableError."""
     ending = next((ending for magic, ending in PACKED.items() if data.startswith(magic)), None)
     if ending is None:
         return data

@@ -55,3 +55,12 @@ def test_an_error_is_raised_and_ends_the_work(monkeypatch, bad):
     with pytest.raises(ValueError, match=f"row {bad}"):
         over_rows(work, 20, 1)
     over_rows(lambda *_: None, 20, 1)
+
+
+def test_threads_are_limited_beside_the_processors(monkeypatch):
+    monkeypatch.setattr(parallel, "_limit", None)
+    all_of_them = parallel.processors()
+    parallel.limit_threads(1)
+    assert parallel.processors() == 1
+    parallel.limit_threads(10**6)
+    assert parallel.processors() == all_of_them

@@ -49,6 +49,7 @@ def test_what_is_not_an_error(text, unit, match):
 
 def test_sizes_as_users_write_them():
     assert [parse_size(t) for t in ("4096", "4KB", "4 KiB", "1.5kb", "2MB")] == [4096, 4000, 4096, 1500, 2_000_000]
+    assert [parse_size(t) for t in ("1.5GB", "2 GiB")] == [1_500_000_000, 2**31]
     assert [parse_size(n) for n in (4096, np.int32(4096))] == [4096, 4096]
 
 

@@ -54,10 +54,10 @@ def mesh() -> None:
     surface = cndhf_codec.load(ROOT / "tests/golden/encoded.cndhf").to_mesh(64)
     assert surface.is_watertight
     assert surface.volume > 0
-    for name in ("encode", "decode", "info", "compare", "view"):
+    for name in ("encode", "decode", "info", "compare", "view", "batch"):
         done = run(name, "--version")
         assert version("cndhf-codec") in done.stdout, done
-    print(f"a surface of {len(surface.faces)} faces; five commands")
+    print(f"a surface of {len(surface.faces)} faces; six commands")
 
 
 def encode() -> None:

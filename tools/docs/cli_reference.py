@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 
 TARGET = Path(__file__).resolve().parents[2] / "docs" / "cli.md"
-COMMANDS = ("encode", "decode", "info", "compare", "view")
+COMMANDS = ("encode", "decode", "info", "compare", "view", "batch")
 ELSEWHERE = ("version", "help")  # options that every command has; said once, above
 INTRODUCTION = """\
 # Commands
