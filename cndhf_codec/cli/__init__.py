@@ -51,7 +51,14 @@ def _run(name: str) -> int:
         # Do not fail at the end because the terminal's encoding lacks a character of a file name.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        extra = {"encode": "encode", "decode": "mesh", "info": "cli", "compare": "compare", "view": "cli", "batch": "encode"}[name]
+        extra = {
+            "encode": "encode",
+            "decode": "mesh",
+            "info": "cli",
+            "compare": "compare",
+            "view": "cli",
+            "batch": "encode",
+        }[name]
         click = require("click", extra)
     except CndhfError as exc:
         return _fail(program, str(exc), 1)
