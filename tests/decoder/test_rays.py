@@ -105,8 +105,10 @@ def test_as_embree_on_a_fine_mesh(name, golden):
     normals = np.full((3000, 3), np.nan)
     normals[ray] = mesh.face_normals[face]
     assert np.median((normals[both] * hits.normal[both]).sum(axis=1)) > 0.999
-    f = np.abs(model.implicit(hits.point[both])) / model.container.scale
-    assert np.percentile(f, 99) < 1e-5
+    # f is along an axis: on steep walls it is many times the distance.
+    f, gradient = model.implicit(hits.point[both], gradient=True)
+    distance = np.abs(f) / np.linalg.norm(gradient, axis=1)
+    assert np.percentile(distance, 99) < 2e-6 * mesh.extents.max()
 
 
 def test_shapes_and_types():
