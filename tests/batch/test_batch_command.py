@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from ctrl_c import CTRL_C
 from places import ROOT
 from poisoned import poison, write
 
@@ -27,7 +28,8 @@ OPTIONS = ("--preset", "fast", "--target-size", "500")
 
 
 def command(name: str, *arguments: object) -> list[str]:
-    return [sys.executable, "-c", f"from cndhf_codec.cli import {name}; {name}()", *map(str, arguments)]
+    code = f"{CTRL_C}; from cndhf_codec.cli import {name}; {name}()"
+    return [sys.executable, "-c", code, *map(str, arguments)]
 
 
 def call(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:

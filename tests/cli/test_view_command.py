@@ -11,10 +11,11 @@ import time
 from urllib.request import urlopen
 
 import pytest
+from ctrl_c import CTRL_C
 
 from cndhf_codec.viewer.page import page
 
-RUN = [sys.executable, "-c", "from cndhf_codec import cli; cli.view()"]
+RUN = [sys.executable, "-c", f"{CTRL_C}; from cndhf_codec import cli; cli.view()"]
 
 
 def view(*arguments, **options) -> subprocess.CompletedProcess[bytes]:
