@@ -17,6 +17,8 @@ from typing import Any
 import click
 
 import cndhf_codec
+from cndhf_codec.decoder.surface.levels import Level, next_level
+from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.encoder.surface import to_size
 from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import Mesh, read_mesh
@@ -25,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from measure import Reference
 from rate_distortion import mesh_path
 
+LEVEL = 3  # of the meshes that stand for limit surfaces
 COLUMNS = ("mesh", "bytes", "polyhedron", "fit", "edits", "rounding", "decoded")
 
 
@@ -41,12 +44,18 @@ class Stages:
         given = self._norm.undo(vertices)
         return self._reference.figures((given, faces))["CD"]
 
+    def _limit_error(self, faces: Any, sharp: Any, control: Any) -> float:
+        level = Level(0, topology_of(faces, len(control), sharp), control)
+        for _ in range(LEVEL):
+            level = next_level(level)
+        return self._error(level.limit, level.topology.faces)
+
     def creases(self, function: Any) -> Any:
         def wrapped(mesh: Any, *rest: Any) -> Any:
             one = function(mesh, *rest)
             self._by_faces[mesh.faces.tobytes()] = {
                 "polyhedron": self._error(mesh.vertices, mesh.faces),
-                "fit": self._error(one.basis.surface(one.control), one.basis.fine),
+                "fit": self._limit_error(mesh.faces, one.sharp, one.control),
             }
             return one
 
@@ -57,7 +66,7 @@ class Stages:
             after = function(one, mesh, *rest)
             found = after.fitted
             before = self._by_faces[mesh.faces.tobytes()]
-            edits = self._error(found.basis.surface(found.control), found.basis.fine)
+            edits = self._limit_error(after.mesh.faces, found.sharp, found.control)
             self._by_faces[after.mesh.faces.tobytes()] = {**before, "edits": edits}
             return after
 
@@ -69,7 +78,7 @@ class Stages:
             row = self._by_faces.get(mesh.faces.tobytes())
             if row is not None and len(sized.body) <= size and sized.error < self._least:
                 self._least = sized.error
-                rounding = self._error(one.basis.surface(sized.mesh.vertices), one.basis.fine)
+                rounding = self._limit_error(mesh.faces, one.sharp, sized.mesh.vertices)
                 self.kept = {**row, "rounding": rounding}
             return sized
 
