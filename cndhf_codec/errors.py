@@ -96,6 +96,17 @@ class MissingExtraError(CndhfError, ImportError):
     """Raised when a library is not installed that an optional extra of this package brings; an ImportError, too."""
 
 
+def first_line(exc: Exception) -> str:
+    """What an exception says, in one line: its first, or the name of its type.
+
+    >>> from cndhf_codec.errors import first_line
+    >>> first_line(ValueError("no number\\n  at line 3")), first_line(EOFError())
+    ('no number', 'EOFError')
+    """
+    text = str(exc).strip().splitlines()
+    return text[0] if text else type(exc).__name__
+
+
 def require(module: str, extra: str) -> ModuleType:
     """Import a module, or raise MissingExtraError with the extra that brings it.
 

@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import EncodeError, OptionError, require
 from .jobs import Job, Limits, Result
 from .pool import TELL, Pool
+from .worker import last_line
 
 # Evidence for these constants: ADR 042.
 RETRIES = 3  # of a file whose Ray worker or machine has gone
@@ -105,5 +106,4 @@ def _processors(jobs: int | None, limits: Limits) -> int | None:
 
 
 def _last(exc: Exception) -> str:
-    lines = [line.strip() for line in str(exc).split("\n") if line.strip()]
-    return lines[-1][:200] if lines else type(exc).__name__
+    return last_line(str(exc)) or type(exc).__name__

@@ -20,7 +20,7 @@ from typing import Any
 
 from ..errors import EncodeError, OptionError, require
 from .jobs import Job, Limits, Outcome, Result
-from .worker import READY, last_line, serve
+from .worker import READY, last_said, serve
 
 # Evidence for these constants: ADR 042.
 LOOK = 0.1  # seconds between two looks at the workers' memory
@@ -187,13 +187,13 @@ class _Worker:
             return None
         self.process.join()
         if self._over is None and not self._ready:
-            raise EncodeError(f"a worker cannot start: {last_line(self._log) or _end(self.process.exitcode)}")
+            raise EncodeError(f"a worker cannot start: {last_said(self._log) or _end(self.process.exitcode)}")
         outcome, reason = self._over or ("crashed", self._crash())
         seconds = time.monotonic() - self._started
         return Result(self.job.name, outcome, reason=reason, seconds=seconds, hash=self._hash)
 
     def _crash(self) -> str:
-        said = last_line(self._log)
+        said = last_said(self._log)
         return f"ended its process: {_end(self.process.exitcode)}{f' ({said})' if said else ''}"
 
     def end(self) -> None:

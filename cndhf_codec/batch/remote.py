@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, OptionError, OutputError, require
+from ..errors import InputError, OptionError, OutputError, first_line, require
 from ..files import PIECE
 
 
@@ -83,7 +83,7 @@ def _system(url: str, kind: type[InputError | OutputError]) -> tuple[Any, str]:
     try:
         system, path = core.url_to_fs(url)
     except ValueError as exc:  # an unknown protocol
-        raise OptionError(f"{url}: {_line(exc)}") from exc
+        raise OptionError(f"{url}: {first_line(exc)}") from exc
     except Exception as exc:  # a library of the protocol is not installed, no permission: every system has its own
         raise _error(url, "opened", exc, kind) from exc
     return system, path
@@ -100,9 +100,4 @@ def _stamp(about: dict[str, Any]) -> str:
 def _error(url: str, what: str, exc: Exception, kind: type[InputError | OutputError]) -> InputError | OutputError:
     if isinstance(exc, (InputError, OutputError)):
         return exc
-    return kind(f"{url}: cannot be {what}: {_line(exc)}")
-
-
-def _line(exc: Exception) -> str:
-    text = str(exc).strip().splitlines()
-    return text[0] if text else type(exc).__name__
+    return kind(f"{url}: cannot be {what}: {first_line(exc)}")

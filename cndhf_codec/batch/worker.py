@@ -161,13 +161,17 @@ def _fetched(job: Job, scratch: Path) -> Path:
     return path
 
 
-def last_line(log: str) -> str:
+def last_said(log: str) -> str:
     """The last line of what a worker's libraries said, or ""."""
     try:
         with open(log, "rb") as file:
             file.seek(max(os.path.getsize(log) - 2000, 0))
-            lines = file.read().decode(errors="replace").split("\n")
+            return last_line(file.read().decode(errors="replace"))
     except OSError:
         return ""
-    told = [line.strip() for line in lines if line.strip()]
-    return told[-1][:200] if told else ""
+
+
+def last_line(text: str) -> str:
+    """The last line that is not empty, or ""; at most 200 characters of it."""
+    lines = [line.strip() for line in text.split("\n") if line.strip()]
+    return lines[-1][:200] if lines else ""

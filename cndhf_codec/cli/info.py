@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from ..files import STREAM
-from .streams import standard_input
+from .streams import read_input
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -22,13 +21,10 @@ def command(source: Path, as_json: bool) -> None:
 
     INPUT may be `-`, the standard input.
     """
-    from ..decoder import reading
+    from ..decoder.reading import load_bytes
 
-    if source == STREAM:
-        name = "standard input"
-        info = reading.load_stream(standard_input(), name).info
-    else:
-        name, info = str(source), reading.load(source).info
+    data, name = read_input(source)
+    info = load_bytes(data, name).info
     click.echo(json.dumps(info, indent=2) if as_json else _table(name, info))
 
 

@@ -8,17 +8,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import format as fmt
-from ..arguments import chunks, path_like, rows, vectors, whole_number
+from ..arguments import chunks, path_like, rows, vectors, whole_in, whole_number
 from ..arrays import F32, F64, Mask
 from ..errors import OptionError, require
 from ..files import write_atomically
-from ..viewer.page import Frame
 from .dhf.meshes import DEFAULT_RESOLUTION
 from .dhf.representation import DhfRepresentation
 from .limits import Limits
@@ -26,6 +25,9 @@ from .parallel import over_rows
 from .representation import Detail, Method, Representation
 from .results import Nearest, OccupancyGrid, RayHits, TriangleMesh
 from .surface.representation import SurfaceRepresentation
+
+if TYPE_CHECKING:
+    from ..viewer.page import Frame
 
 
 class Model:
@@ -753,9 +755,9 @@ class Model:
         >>> cndhf_codec.load("tests/golden/encoded.cndhf").show()
         <Viewer of model.cndhf: drawn in notebooks; elsewhere save the model, and run cndhf-view>
         """
-        height = whole_number(height, "height")
-        if not 100 <= height <= 10_000:
-            raise OptionError(f"height is {height}; 100 to 10000 pixels are needed")
+        from ..viewer.page import Frame
+
+        height = whole_in(height, "height", 100, 10_000)
         return Frame(self.dumps(), "model.cndhf", height)
 
     def dumps(self) -> bytes:

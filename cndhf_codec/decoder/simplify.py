@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import F64, I64, Mask
+from ..errors import OptionError
 from .results import TriangleMesh
 
 # Evidence for these constants: ADR 040.
@@ -52,6 +53,14 @@ def simplified(mesh: TriangleMesh, tolerance: float = np.inf, faces: int = LEAST
         pass
     work.compact()
     return TriangleMesh(work.vertices, work.faces)
+
+
+def with_faces(mesh: TriangleMesh, faces: int) -> TriangleMesh:
+    """Simplify a mesh to at most so many triangles. Raises OptionError where its topology asks for more."""
+    out = simplified(mesh, faces=faces)
+    if len(out.faces) > faces:
+        raise OptionError(f"faces is {faces}: too few for this shape; {len(out.faces)} are enough")
+    return out
 
 
 class _Work:

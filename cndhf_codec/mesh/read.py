@@ -19,7 +19,7 @@ import numpy.typing as npt
 import zstandard
 
 from ..arrays import F64, I64, Mask
-from ..errors import InputError, MeshError, MissingExtraError, require
+from ..errors import InputError, MeshError, MissingExtraError, first_line, require
 from ..files import read_bytes
 from .formats import gltf, obj, off, ply, recognise, stl, threemf
 from .formats.accessors import Fetch
@@ -132,7 +132,7 @@ def _of_stream(stream: BinaryIO) -> Mesh:
             if len(data) >= MOST_BYTES:
                 break
     except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as exc:
-        raise InputError(f"{name}: cannot be read: {_line(exc)}") from exc
+        raise InputError(f"{name}: cannot be read: {first_line(exc)}") from exc
 
     def beside(uri: str) -> bytes:
         raise UnreadableError(f"names the file {shown(uri, 80)} beside it; give the path of the .gltf, or a .glb")
@@ -177,7 +177,7 @@ def unpacked(data: bytes) -> bytes:
             if len(out) > MOST_TIMES * len(data) + PIECE:
                 raise UnreadableError(f"{len(data)} bytes hold more than {MOST_TIMES} times as many: no mesh does")
     except (OSError, EOFError, zlib.error, lzma.LZMAError, zstandard.ZstdError) as exc:
-        raise UnreadableError(f"the compressed file ({ending}) is damaged or cut short: {_line(exc)}") from exc
+        raise UnreadableError(f"the compressed file ({ending}) is damaged or cut short: {first_line(exc)}") from exc
     return bytes(out)
 
 
@@ -303,8 +303,3 @@ def _in_order(faces: I64) -> I64:
     first = faces.argmin(axis=1)[:, None]
     faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
     return faces[np.lexsort(faces.T[::-1])]
-
-
-def _line(exc: Exception) -> str:
-    text = str(exc).strip().splitlines()
-    return text[0] if text else type(exc).__name__

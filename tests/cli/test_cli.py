@@ -659,10 +659,10 @@ def fails_by_interrupt(run, monkeypatch):
 def test_other_failures_are_one_line_too(fails, monkeypatch, model, exception):
     import cndhf_codec.decoder.reading
 
-    def fail(_):
+    def fail(*_):
         raise exception
 
-    monkeypatch.setattr(cndhf_codec.decoder.reading, "load", fail)
+    monkeypatch.setattr(cndhf_codec.decoder.reading, "load_bytes", fail)
     fails(1, "info", model)
 
 

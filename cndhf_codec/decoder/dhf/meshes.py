@@ -18,7 +18,7 @@ from ..pieces import without_specks
 from ..queries import TriangleQueries
 from ..representation import Detail
 from ..results import TriangleMesh
-from ..simplify import LEAST_FACES, simplified
+from ..simplify import LEAST_FACES, simplified, with_faces
 from .solid import DhfSolid
 
 # Evidence for these constants: ADR 040; DEFAULT_RESOLUTION: 028; DEFAULT_MAX_ERROR: 030.
@@ -80,7 +80,7 @@ class Meshes:
         if self._errors is not None and not detail.specks:
             found = without_specks(found, self._errors.p99)
         if faces is not None:
-            return _with_faces(found, faces)
+            return with_faces(found, faces)
         if error is not None and not whole:
             return _within(found, error)
         if chosen or whole or self._errors is None or len(found.faces) > MOST_FACES:
@@ -137,13 +137,6 @@ class Meshes:
             _warn(f"no intersection ({exc}); the surface is that of marching cubes")
             self.warn_of_thin_walls(resolution)
             return self._solid.isosurface(resolution, limits)
-
-
-def _with_faces(mesh: TriangleMesh, faces: int) -> TriangleMesh:
-    out = simplified(mesh, faces=faces)
-    if len(out.faces) > faces:
-        raise OptionError(f"faces is {faces}: too few for this shape; {len(out.faces)} are enough")
-    return out
 
 
 def _within(mesh: TriangleMesh, error: float) -> TriangleMesh:

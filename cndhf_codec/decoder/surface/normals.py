@@ -14,6 +14,7 @@ one sharp edge and the next, or all around a vertex where there are fewer than t
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -81,16 +82,16 @@ def with_normals(mesh: TriangleMesh, normals_at: Callable[[F64], F64]) -> Shaded
     inside = p + INWARD * (p.mean(axis=1, keepdims=True) - p)
     corners = normals_at(inside.reshape(-1, 3)).reshape(-1, 3, 3)
     # Beside a crease the nearest point may be across it; then the face has a normal of its own.
-    own = np.broadcast_to(_unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))[:, None], corners.shape)
+    own = np.broadcast_to(unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))[:, None], corners.shape)
     corners = np.where(np.sum(own * corners, axis=2, keepdims=True) < ACROSS_COSINE, own, corners)
     plain = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
     # At each edge: the sum of the unit normals of both faces, each between its two ends; |a + b|^2 = 2 + 2 cos.
     total = np.zeros((len(plain.edges), 3))
     for k in range(3):
-        total += _summed(plain.face_edges[:, k], _unit(corners[:, k] + corners[:, (k + 1) % 3]), len(total))
+        total += _summed(plain.face_edges[:, k], unit(corners[:, k] + corners[:, (k + 1) % 3]), len(total))
     crease = (total * total).sum(axis=1) / 2 - 1 < CREASE_COSINE
-    sectors = sectors_of(topology_of(mesh.faces, len(mesh.vertices), plain.edges[crease]))
-    normals = _unit(_summed(sectors.corners.ravel(), corners.reshape(-1, 3), len(sectors.vertices)))
+    sectors = sectors_of(replace(plain, sharp=plain.sharp | crease))
+    normals = unit(_summed(sectors.corners.ravel(), corners.reshape(-1, 3), len(sectors.vertices)))
     return ShadedMesh(mesh.vertices[sectors.vertices], sectors.corners, normals)
 
 
@@ -127,10 +128,10 @@ def limit_normals(mesh: Topology, vertices: F64, limit: F64, sectors: Sectors) -
     arm = vertices[mesh.faces[:, [2, 0, 1]].ravel()[last]] - vertices[mesh.faces.ravel()[last]]
     u[of] -= arm
     v[of] += arm * _crease_end(size[of])[:, None]
-    normals = _unit(np.cross(u, v))
+    normals = unit(np.cross(u, v))
     unknown = ~(smooth | crease) | ~normals.any(axis=1)
     if unknown.any():
-        normals[unknown] = _unit(_by_angles(mesh, limit, sectors))[unknown]
+        normals[unknown] = unit(_by_angles(mesh, limit, sectors))[unknown]
     return normals
 
 
@@ -161,10 +162,10 @@ def _crease_end(size: I64) -> F64:
 def _by_angles(mesh: Topology, limit: F64, sectors: Sectors) -> F64:
     """(S, 3) the unit normals of the triangles between limit points, summed over sectors by their angles."""
     p = limit[mesh.faces]
-    normal = _unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
+    normal = unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
     out = np.zeros((len(sectors.vertices), 3))
     for k in range(3):
-        a, b = _unit(p[:, (k + 1) % 3] - p[:, k]), _unit(p[:, (k + 2) % 3] - p[:, k])
+        a, b = unit(p[:, (k + 1) % 3] - p[:, k]), unit(p[:, (k + 2) % 3] - p[:, k])
         angle = 2 * np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
         out += _summed(sectors.corners[:, k], normal * angle[:, None], len(out))
     return out
@@ -175,7 +176,7 @@ def _summed(group: I64, terms: F64, n: int) -> F64:
     return np.column_stack([np.bincount(group, terms[:, k], n) for k in range(3)])
 
 
-def _unit(vectors: F64) -> F64:
+def unit(vectors: F64) -> F64:
     """Vectors (N, 3) at length one; zero stays zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -21,7 +21,7 @@ from ..pieces import piece_labels
 from ..queries import TriangleQueries
 from ..representation import Detail
 from ..results import NearestPoints, OccupancyGrid, RayHits, ShadedMesh, TriangleMesh
-from ..simplify import LEAST_FACES, simplified
+from ..simplify import LEAST_FACES, with_faces
 from .levels import MAX_LEVEL, Level, distances_from_limit, next_level, size_at
 from .normals import limit_normals, sectors_of, with_normals
 from .subdivision import Topology, topology_of
@@ -176,13 +176,9 @@ class SurfaceRepresentation:
             return self._at(whole_in(detail.level, "level", 0, MAX_LEVEL), limits)
         if detail.faces is not None:
             most, own = whole_in(detail.faces, "faces", LEAST_FACES), len(self._control.faces)
-            if not most / own <= 4**MAX_LEVEL:
-                return self._at(MAX_LEVEL, limits)
             # From twice as many triangles and more, there is a choice of what to leave out.
-            return self._at(
-                next(k for k in range(MAX_LEVEL + 1) if own * 4**k == most or own * 4**k >= 2 * most or k == MAX_LEVEL),
-                limits,
-            )
+            enough = (k for k in range(MAX_LEVEL) if own * 4**k == most or own * 4**k >= 2 * most)
+            return self._at(next(enough, MAX_LEVEL), limits)
         return self._fine_enough(detail.max_error, limits)
 
     def _at(self, number: int, limits: Limits) -> Level:
@@ -261,12 +257,7 @@ class _QueriedMesh:
 def _reduced(level: Level, faces: int | None) -> TriangleMesh:
     """The mesh of a level, simplified to so many triangles. Raises OptionError where topology asks for more."""
     mesh = TriangleMesh(level.limit, level.topology.faces)
-    if faces is None or len(mesh.faces) <= faces:
-        return mesh
-    out = simplified(mesh, faces=faces)
-    if len(out.faces) > faces:
-        raise OptionError(f"faces is {faces}: too few for this shape; {len(out.faces)} are enough")
-    return out
+    return mesh if faces is None or len(mesh.faces) <= faces else with_faces(mesh, faces)
 
 
 def _error(level: Level, max_error: float | str | None) -> float:

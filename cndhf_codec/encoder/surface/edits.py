@@ -16,7 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...arrays import F64, I64, Mask
-from ...decoder.surface.subdivision import topology_of
+from ...decoder.surface.normals import unit
+from ...decoder.surface.subdivision import Topology, topology_of
 from ..deadline import Deadline
 from .basis import Basis, basis_of
 from .creases import Fitted
@@ -45,6 +46,7 @@ class _Control(NamedTuple):
     """A control mesh between two edits.
 
     names: (V,) of the vertices, which stay when others go. sharp: (S, 2). errors: (F,) mean errors of the faces.
+    topology: of the faces, with the sharp edges.
     """
 
     faces: I64
@@ -53,6 +55,12 @@ class _Control(NamedTuple):
     sharp: I64
     basis: Basis
     errors: F64
+    topology: Topology
+
+    @property
+    def is_polyhedron(self) -> bool:
+        """Whether all edges are sharp."""
+        return len(self.sharp) > 0 and bool(self.topology.sharp.all())
 
 
 class _Edges(NamedTuple):
@@ -85,9 +93,10 @@ def edited(
         fitted.sharp,
         fitted.basis,
         mean_errors(fitted.basis, target, fitted.control),
+        topology_of(mesh.faces, len(mesh.vertices), fitted.sharp),
     )
     editor = _Editor(target, levels, bits)
-    kinds: list[_Flips | _Collapses | _Splits] = [_Collapses(), _Splits(), *[_Flips() for _ in range(FLIPS)]]
+    kinds: list[_Kind] = [_Collapses(), _Splits(), *[_Flips() for _ in range(FLIPS)]]
     error = float(now.errors.sum())
     for k in range(cycles):
         for kind in kinds:
@@ -118,7 +127,7 @@ class _Editor:
         self._tried: set[tuple[str, int, int]] = set()
         self._next_name = 1 << 40
 
-    def batch(self, old: _Control, kind: _Flips | _Collapses | _Splits) -> _Control:
+    def batch(self, old: _Control, kind: _Kind) -> _Control:
         """Try many edits of one kind; keep those that pay."""
         edges = _edges(old)
         degrees = np.bincount(old.faces.ravel(), minlength=len(old.control))
@@ -154,11 +163,11 @@ class _Editor:
         result.control[result.place[moved]] = control[made.place[moved]]
         basis = basis_of(result.faces, len(result.control), result.sharp, self._levels)
         control = fit(basis, self._target, result.control, 1)
-        return _Control(
-            result.faces, result.names, control, result.sharp, basis, mean_errors(basis, self._target, control)
-        )
+        errors = mean_errors(basis, self._target, control)
+        topology = topology_of(result.faces, len(control), result.sharp)
+        return _Control(result.faces, result.names, control, result.sharp, basis, errors, topology)
 
-    def _made(self, old: _Control, kind: _Flips | _Collapses | _Splits, edits: I64) -> _Made:
+    def _made(self, old: _Control, kind: _Kind, edits: I64) -> _Made:
         faces, control = kind.applied(old.faces.copy(), old.control, edits)
         names = old.names
         if kind.adds:
@@ -171,7 +180,7 @@ class _Editor:
             place[edits[:, 1]] = place[edits[:, 0]]
         faces, control = place[faces], control[used]
         # A flipped edge of a polyhedron is as sharp as all others.
-        sharp = _inner(faces, len(control)) if _is_polyhedron(old) else place[old.sharp]
+        sharp = _inner(faces, len(control)) if old.is_polyhedron else place[old.sharp]
         return _Made(faces, names[used], control, np.sort(sharp, axis=1), place)
 
 
@@ -183,14 +192,14 @@ class _Flips:
     def allowed(self, old: _Control, edges: _Edges, degrees: I64) -> Mask:
         x, y, p, q, _, _ = edges.rows.T
         n = len(old.control)
-        there = topology_of(old.faces, n, old.sharp).edges
+        there = old.topology.edges
         joined = np.isin(np.minimum(p, q) * n + np.maximum(p, q), there[:, 0] * n + there[:, 1])
         # A crease stays; in a polyhedron all edges are alike.
-        free = ~edges.sharp | _is_polyhedron(old)
+        free = ~edges.sharp | old.is_polyhedron
         ok = free & ~joined & (p != q) & (degrees[x] > 3) & (degrees[y] > 3)
         a, b, c, d = (old.control[v] for v in (x, y, p, q))
-        f, g = _unit(np.cross(b - a, c - a)), _unit(np.cross(a - b, d - b))
-        first, second = _unit(np.cross(d - c, b - c)), _unit(np.cross(a - c, d - c))
+        f, g = unit(np.cross(b - a, c - a)), unit(np.cross(a - b, d - b))
+        first, second = unit(np.cross(d - c, b - c)), unit(np.cross(a - c, d - c))
         ok &= _dot(f, g) > FLATTEST
         for new in (first, second):
             for one in (f, g):
@@ -217,7 +226,7 @@ class _Collapses:
     def allowed(self, old: _Control, edges: _Edges, degrees: I64) -> Mask:
         x, y, p, q, _, _ = edges.rows.T
         n = len(old.control)
-        topology = topology_of(old.faces, n, old.sharp)
+        topology = old.topology
         smooth = np.ones(n, dtype=bool)
         smooth[topology.edges[topology.sharp]] = False
         ok = smooth[x] & smooth[y] & (p != q) & (degrees[p] > 3) & (degrees[q] > 3) & (degrees[x] + degrees[y] > 6)
@@ -271,9 +280,11 @@ class _Splits:
         return faces, np.concatenate([control, 3 / 8 * (control[x] + control[y]) + 1 / 8 * (control[p] + control[q])])
 
 
+_Kind = _Flips | _Collapses | _Splits
+
+
 def _edges(mesh: _Control) -> _Edges:
-    faces = mesh.faces
-    topology = topology_of(faces, len(mesh.control), mesh.sharp)
+    faces, topology = mesh.faces, mesh.topology
     of = topology.face_edges.ravel()
     count = np.bincount(of)
     halves = np.argsort(of, kind="stable")
@@ -290,10 +301,6 @@ def _inner(faces: I64, n: int) -> I64:
     """(E, 2) the edges of two faces."""
     topology = topology_of(faces, n, np.zeros((0, 2), dtype=np.int64))
     return np.asarray(topology.edges[~topology.sharp], dtype=np.int64)
-
-
-def _is_polyhedron(mesh: _Control) -> bool:
-    return len(mesh.sharp) > 0 and len(mesh.sharp) == len(_inner(mesh.faces, len(mesh.control)))
 
 
 def _corners(faces: I64, n: int) -> tuple[I64, I64]:
@@ -318,12 +325,6 @@ def _degree_bits(degrees: I64, change: tuple[I64, I64]) -> F64:
 
 def _dot(a: F64, b: F64) -> F64:
     return np.asarray(np.sum(a * b, axis=1))
-
-
-def _unit(vectors: F64) -> F64:
-    """Unit vectors; of none, zero, which has no angle below any limit."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 0, length, 1))
 
 
 @nb.njit(cache=True)
