@@ -207,9 +207,9 @@ class SurfaceRepresentation:
         """The first level that is within an error everywhere."""
         level = self._at(0, limits)
         tolerance = length(max_error, _diagonal(level), self._scale)
-        levels = self._refined(level, tolerance, lambda distances: distances.greatest, SPARE, MAX_LEVEL, limits)
-        if levels[-1].number == MAX_LEVEL and levels[-1].distances.greatest > tolerance:
-            raise self._too_coarse(levels[-1], levels[-1].distances.greatest)
+        levels, error = self._refined(level, tolerance, lambda distances: distances.greatest, SPARE, MAX_LEVEL, limits)
+        if error > tolerance:
+            raise self._too_coarse(levels[-1], error)
         return levels[-1]
 
     def _default(self, limits: Limits) -> _Chosen:
@@ -221,7 +221,7 @@ class SurfaceRepresentation:
         else:
             tolerance = self._errors.tolerance(TOLERANCE, diagonal)
         few = (k for k in range(MAX_LEVEL, 0, -1) if len(level.topology.faces) * 4**k <= MOST_FACES)
-        levels = self._refined(level, tolerance, _most_edges, 1.0, next(few, 0), limits)
+        levels, _ = self._refined(level, tolerance, _most_edges, 1.0, next(few, 0), limits)
         corners = adaptive_corners(levels, tolerance)
         # Where orientation changes, there is no outward.
         return _Chosen(levels[-1], corners, balanced(levels[-1], corners) if self.oriented else levels[-1].limit)
@@ -234,8 +234,9 @@ class SurfaceRepresentation:
         believed: float,
         finest: int,
         limits: Limits,
-    ) -> list[Level]:
-        """Levels from this one on: to the first whose measure is within a tolerance, or to the finest."""
+    ) -> tuple[list[Level], float]:
+        """Levels from this one on: to the first whose measure is within a tolerance, or to the finest; and the measure
+        of the last, or an estimate of it."""
         levels, error, ratio = [level], measure(level.distances), 1.0
         while error > tolerance and level.number < finest:
             if size_at(self.topology, level.number + 1)[0] > limits.vertices:
@@ -244,11 +245,12 @@ class SurfaceRepresentation:
             levels.append(level)
             # A step divides the error by four in the end. To measure it takes longer than to make the level, so when
             # it will do even if it goes on as in the step before, and `believed` of the tolerance is enough, it is.
-            if max(ratio, 1 / 4) * error < believed * tolerance:
-                break
+            estimate = max(ratio, 1 / 4) * error
+            if estimate < believed * tolerance:
+                return levels, estimate
             before, error = error, measure(level.distances)
             ratio = error / before
-        return levels
+        return levels, error
 
     def _too_coarse(self, level: Level, error: float) -> SurfaceError:
         return SurfaceError(
