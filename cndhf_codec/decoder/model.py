@@ -79,13 +79,17 @@ class Model:
     """
 
     def __init__(
-        self, container: fmt.Container, sections: dict[str, int] | None = None, limits: Limits | None = None
+        self,
+        container: fmt.Container,
+        sections: dict[str, int] | None = None,
+        limits: Limits | None = None,
+        body: bytes | None = None,
     ) -> None:
         if not isinstance(container, fmt.Container):
             raise OptionError(f"a format.Container is needed; got {type(container).__name__}: see load and loads")
         self.container = container
         self.limits = Limits() if limits is None else limits
-        self._sections = sections
+        self._sections, self._body = sections, body
         self._shape: Representation = (
             DhfRepresentation(container)
             if container.surface is None
@@ -783,7 +787,7 @@ class Model:
 
     @cached_property
     def _bytes(self) -> bytes:
-        return fmt.dumps(self.container)
+        return fmt.dumps(self.container, self._body)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the `.cndhf` file. When that fails, nothing is left, and an older file stays as it was.

@@ -76,7 +76,7 @@ def surface_of_size(
             one = fit_smooth(mesh, target, _levels(mesh), settings.trial_rounds)
         # The last try may take any coarser step, rather than make no file.
         coarsest = math.inf if k == TRIES - 1 and best is None else MOST_COARSER
-        sized = _rounded(one, mesh, target, size, coarsest)
+        sized = _rounded(one, mesh, target, size, coarsest, final)
         on_step(k + 1, sized.error)
         whole = len(mesh.faces) >= len(given.faces)
         if len(sized.body) <= size and final and (best is None or sized.error < best[0].error):
@@ -94,7 +94,7 @@ def surface_of_size(
             break
         mesh = simplify.to(round(factor * around))
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, settings.rounds)
-        sized = _rounded(one, mesh, target, size, MOST_COARSER)
+        sized = _rounded(one, mesh, target, size)
         on_step(TRIES + k + 1, sized.error)
         if len(sized.body) <= size and sized.error < best[0].error:
             best = sized, mesh, one
@@ -114,7 +114,7 @@ def surface_of_size(
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
-    again = _rounded(one._replace(control=control, error=error), mesh, target, size, MOST_COARSER)
+    again = _rounded(one._replace(control=control, error=error), mesh, target, size)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
 
@@ -140,14 +140,15 @@ def _levels(mesh: Manifold) -> int:
     return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), LEAST_LEVELS), 4)
 
 
-def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: float) -> Sized:
+def _rounded(
+    one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: float = MOST_COARSER, final: bool = True
+) -> Sized:
     """Round to the step of the formula, or one a little coarser or finer that fills the file. coarsest: by what factor
-    the step may be coarser."""
+    the step may be coarser. final: whether more is asked for than the bytes."""
     rounding = Rounding(one.basis, target, one.control)
     left = one.control.size / (math.log(2) * 8 * size)
     stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
-
     blank = ControlMesh(
         UNTURNED,
         1.0,
@@ -178,6 +179,8 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
             if above(step) == made.mesh.step:
                 break
     assert best is not None
+    if not final:
+        return best._replace(error=one.error)
     # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
     for coarser in (1.0, 1.01):
         step = above(best.mesh.step * coarser)
