@@ -179,46 +179,58 @@ def _points_near(surface: F64, nodes: I64, faces: I64, nearest: F64, samples: F6
     are nearest; in the curved patches, a step of Gauss and Newton goes on from there."""
     shapes, points = np.empty((len(faces), 6)), np.zeros((len(faces), 3))
     for i in nb.prange(len(faces)):
-        patch = np.empty((6, 3))
-        for n in range(6):
-            for k in range(3):
-                patch[n, k] = surface[nodes[faces[i], n], k]
-        u, v, w = patch[1] - patch[0], patch[2] - patch[0], nearest[i] - patch[0]
-        b, c = _least_squares(u, v, w)
+        at = nodes[faces[i]]
+        plane, curve = _Squares(0.0, 0.0, 0.0, 0.0, 0.0), _Squares(0.0, 0.0, 0.0, 0.0, 0.0)
+        for k in range(3):
+            first = surface[at[0], k]
+            plane = _added(plane, surface[at[1], k] - first, surface[at[2], k] - first, nearest[i, k] - first)
+        b, c = _least(plane)
         b, c = min(max(b, 0.0), 1.0), min(max(c, 0.0), 1.0)
         a = 1 - b - c
+        shape = _shape(a, b, c)
         # Derivatives of `_shape` by b and by c, where a = 1 - b - c.
         by_b = (1 - 4 * a, 4 * b - 1, 0.0, 4 * (a - b), 4 * c, -4 * c)
         by_c = (1 - 4 * a, 0.0, 4 * c - 1, -4 * b, 4 * b, 4 * (a - c))
-        shape = _shape(a, b, c)
-        u[:], v[:], w[:] = 0, 0, samples[i]
-        for n in range(6):
-            u += by_b[n] * patch[n]
-            v += by_c[n] * patch[n]
-            w -= shape[n] * patch[n]
-        db, dc = _least_squares(u, v, w)
+        for k in range(3):
+            u, v, w = 0.0, 0.0, samples[i, k]
+            for n in range(6):
+                x = surface[at[n], k]
+                u += by_b[n] * x
+                v += by_c[n] * x
+                w -= shape[n] * x
+            curve = _added(curve, u, v, w)
+        db, dc = _least(curve)
         b, c = min(max(b + db, 0.0), 1.0), min(max(c + dc, 0.0), 1.0)
         total = max(b + c, 1.0)
         shape = _shape(1 - (b + c) / total, b / total, c / total)
         for n in range(6):
             shapes[i, n] = shape[n]
             for k in range(3):
-                points[i, k] += shape[n] * patch[n, k]
+                points[i, k] += shape[n] * surface[at[n], k]
     return shapes, points
 
 
+class _Squares(NamedTuple):
+    """Scalar products of three vectors u, v and w."""
+
+    uu: float
+    uv: float
+    vv: float
+    uw: float
+    vw: float
+
+
 @nb.njit(cache=True)
-def _least_squares(u: F64, v: F64, w: F64) -> tuple[float, float]:
-    """s and t with which s u + t v is nearest to w."""
-    uu = uv = vv = uw = vw = 0.0
-    for k in range(3):
-        uu += u[k] * u[k]
-        uv += u[k] * v[k]
-        vv += v[k] * v[k]
-        uw += u[k] * w[k]
-        vw += v[k] * w[k]
-    area = max(uu * vv - uv * uv, 1e-300)
-    return (vv * uw - uv * vw) / area, (uu * vw - uv * uw) / area
+def _added(s: _Squares, u: float, v: float, w: float) -> _Squares:
+    """The products with one coordinate more."""
+    return _Squares(s.uu + u * u, s.uv + u * v, s.vv + v * v, s.uw + u * w, s.vw + v * w)
+
+
+@nb.njit(cache=True)
+def _least(s: _Squares) -> tuple[float, float]:
+    """b and c with which b u + c v is nearest to w."""
+    area = max(s.uu * s.vv - s.uv * s.uv, 1e-300)
+    return (s.vv * s.uw - s.uv * s.vw) / area, (s.uu * s.vw - s.uv * s.uw) / area
 
 
 @nb.njit(cache=True, parallel=True)
