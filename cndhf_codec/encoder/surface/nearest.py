@@ -17,6 +17,9 @@ import numpy as np
 from ...arrays import F64, I64
 
 BLOCK = 256  # points of a block
+# Of the squared sine between two sides: products of coordinates are no better than this, and a triangle that is so thin
+# differs from its longest side by less than a millionth of its length.
+FLAT = 1e-12
 
 
 class Closest(NamedTuple):
@@ -154,7 +157,10 @@ def _to_face(corners: F64, f: int, x: float, y: float, z: float) -> tuple[float,
     wx, wy, wz = x - ax, y - ay, z - az
     uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
     d1, d2 = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
-    # Of a point p of the triangle: s along u, t along v.
+    # The nearest point is a + s u + t v.
+    if uu * vv - uv * uv <= FLAT * uu * vv:
+        s, t = _on_needle(uu, uv, vv, d1, d2)
+        return _offset(ax + s * ux + t * vx, ay + s * uy + t * vy, az + s * uz + t * vz, x, y, z)
     d3, d4, d5, d6 = d1 - uu, d2 - uv, d1 - uv, d2 - vv
     vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
     if d1 <= 0 and d2 <= 0:
@@ -173,9 +179,38 @@ def _to_face(corners: F64, f: int, x: float, y: float, z: float) -> tuple[float,
     else:
         total = va + vb + vc
         s, t = vb / total, vc / total
-    px, py, pz = ax + s * ux + t * vx, ay + s * uy + t * vy, az + s * uz + t * vz
+    return _offset(ax + s * ux + t * vx, ay + s * uy + t * vy, az + s * uz + t * vz, x, y, z)
+
+
+@nb.njit(cache=True)
+def _offset(px: float, py: float, pz: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     dx, dy, dz = x - px, y - py, z - pz
     return dx * dx + dy * dy + dz * dz, px, py, pz
+
+
+@nb.njit(cache=True)
+def _on_needle(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
+    """s and t of the nearest point of a triangle without area: it lies on a side, any of which may be a point."""
+    best, s, t = np.inf, 0.0, 0.0
+    ee = uu - 2 * uv + vv
+    for side in range(3):
+        if side == 0:
+            x, y = _share(wu, uu), 0.0
+        elif side == 1:
+            x, y = 0.0, _share(wv, vv)
+        else:
+            y = _share(wv - wu - uv + uu, ee)
+            x = 1 - y
+        # Squared distance, less that of the first corner.
+        far = x * x * uu + 2 * x * y * uv + y * y * vv - 2 * x * wu - 2 * y * wv
+        if far < best:
+            best, s, t = far, x, y
+    return s, t
+
+
+@nb.njit(cache=True)
+def _share(along: float, whole: float) -> float:
+    return min(max(along / whole, 0.0), 1.0) if whole > 0 else 0.0
 
 
 @nb.njit(cache=True, parallel=True, nogil=True)
