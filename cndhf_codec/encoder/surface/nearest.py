@@ -16,6 +16,7 @@ import numpy as np
 
 from ...arrays import F64, I64
 
+# Evidence for these constants: ADR 036.
 BLOCK = 256  # points of a block
 # Of the squared sine between two sides: products of coordinates are no better than this, and a triangle that is so thin
 # differs from its longest side by less than a millionth of its length.
