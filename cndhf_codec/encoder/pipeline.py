@@ -30,7 +30,7 @@ from ..mesh.distances import point_distances, surface_distances
 from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
-from .deadline import Deadline
+from .deadline import VERIFY_SHARE, Deadline
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
@@ -38,7 +38,6 @@ from .settings import DhfSettings, PaperSettings, Plan, Preset, Representation, 
 from .size_search import ErrorLimits, smallest_file
 from .thread_pool import ThreadPool
 
-VERIFY_SHARE = 0.1  # of a time limit
 # Evidence for these constants: ADR 037.
 # Height fields, which answer queries without a mesh, are kept where they have at most so much of a surface's error.
 AS_GOOD = 1.05
