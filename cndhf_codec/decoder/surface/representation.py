@@ -182,12 +182,13 @@ class SurfaceRepresentation:
             return _Chosen.whole(self._at(whole_in(detail.level, "level", 0, MAX_LEVEL), limits))
         if detail.faces is not None:
             most, own = whole_in(detail.faces, "faces", LEAST_FACES), len(self._control.faces)
-            # From twice as many triangles and more, there is a choice of what to leave out: best of the default mesh,
-            # which has them where they are needed. But rims are kept, and it may have them finer than `faces` allows.
+            # The default mesh has triangles where they are needed. But rims are kept, and it may have them finer than
+            # `faces` allows.
             if self.closed and self.oriented and all(own * 4**k != most for k in range(MAX_LEVEL)):
                 default = self._default(limits)
-                if len(default.corners) >= 2 * most:
+                if len(default.corners) > most:
                     return default
+            # From twice as many triangles and more, there is a choice of what to leave out.
             enough = (k for k in range(MAX_LEVEL) if own * 4**k == most or own * 4**k >= 2 * most)
             return _Chosen.whole(self._at(next(enough, MAX_LEVEL), limits))
         if detail.max_error is not None:
