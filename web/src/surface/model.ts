@@ -77,8 +77,8 @@ export class SurfaceModel extends Shape {
     const { ofHalf, opposite, ends, first } = edges;
     let mesh: Topology = {
       faces, ofHalf, opposite, sharp,
-      valences: new Int32Array(first.length - 1),
-      sharpness: new Int32Array(first.length - 1),
+      valences: new Int32Array(first.length),
+      sharpness: new Int32Array(first.length),
     };
     for (let i = 0; i < ends.length; i++) {
       mesh.valences[ends[i]!]!++;
