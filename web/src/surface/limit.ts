@@ -94,44 +94,46 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
   const setHalf = (h: number, v: number, sector: number): void => {
     ofEdgeVertex[h] = sector;
     setSide(h, 0);
-    if (sharp[ofHalf[h]!]) setCrease(sector, v, 0, 3, false);
-    else wait(sector, 0, 3, false);
+    if (!sharp[ofHalf[h]!]) return wait(sector, 0, 3, false);
+    // As `setCrease` for three triangles, without a table.
+    for (let k = 0; k < 3; k++) {
+      const own = vertices[3 * v + k]!;
+      const p = vertices[3 * spokes[0]! + k]!;
+      const s = vertices[3 * spokes[3]! + k]!;
+      points[3 * sector + k] = (4 * own + p + s) / 6;
+      u[k] = p - s;
+      w[k] = vertices[3 * spokes[1]! + k]! - own + (vertices[3 * spokes[2]! + k]! - own) - (p - own + (s - own)) / 2;
+    }
+    setNormal(sector, 0, 3, false);
   };
 
   /** A vertex on an edge. It has six neighbours, or four on a boundary: the ends, and the middles around. */
   const setEdge = (h: number, o: number): void => {
     const v = nOld + ofHalf[h]!;
-    const isCrease = sharp[ofHalf[h]!]!;
+    if (sharp[ofHalf[h]!]) {
+      setHalf(h, v, v);
+      if (o >= 0) setHalf(o, v, furtherSector(v));
+      return;
+    }
     setSide(h, 0);
-    const b = 3 * spokes[0]!;
-    const c = 3 * spokes[1]!;
-    const d = 3 * spokes[2]!;
-    const a = 3 * spokes[3]!;
-    const e = isCrease ? 0 : 3 * (nOld + ofHalf[nextHalf(o)]!);
-    const f = isCrease ? 0 : 3 * (nOld + ofHalf[previousHalf(o)]!);
+    setSide(o, 3);
     for (let k = 0; k < 3; k++) {
-      const own = vertices[3 * v + k]!;
-      const p = vertices[b + k]!;
-      const s = vertices[a + k]!;
-      if (isCrease) {
-        points[3 * v + k] = (4 * own + p + s) / 6;
-        continue;
-      }
-      const q = vertices[c + k]!;
-      const r = vertices[d + k]!;
-      const t = vertices[e + k]!;
-      const x = vertices[f + k]!;
-      points[3 * v + k] = (6 * own + p + q + r + s + t + x) / 12;
+      const p = vertices[3 * spokes[0]! + k]!;
+      const q = vertices[3 * spokes[1]! + k]!;
+      const r = vertices[3 * spokes[2]! + k]!;
+      const s = vertices[3 * faces[h]! + k]!;
+      const t = vertices[3 * spokes[4]! + k]!;
+      const x = vertices[3 * spokes[5]! + k]!;
+      points[3 * v + k] = (6 * vertices[3 * v + k]! + p + q + r + s + t + x) / 12;
       // Loop's tangents: sums by the cosines and sines of sixths of a turn; of the second, the root of 3 / 4 is left out.
       u[k] = p - s + (q - r - t + x) / 2;
       w[k] = q + r - t - x;
     }
-    if (isCrease || faces[o] === faces[h]) {
+    if (faces[o] === faces[h]) {
       setHalf(h, v, v);
-      if (o >= 0) setHalf(o, v, furtherSector(v));
+      setHalf(o, v, furtherSector(v));
     } else {
       ofEdgeVertex[h] = ofEdgeVertex[o] = v;
-      setSide(o, 3);
       setNormal(v, 0, 6, false);
     }
   };
