@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import I64
 from ..decoder.parallel import processors
-from ..errors import require
+from ..errors import require_all
 from ..mesh.bodies import bodies_of_solid, filled_volume, piercing
 from ..mesh.connectivity import Edges, chains, edges_of, face_components
 from ..mesh.lengths import parse_length
@@ -122,8 +122,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     """
     seed = check_seed(seed)
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
-    for library in ("embreex", "igl", "trimesh"):
-        require(library, "encode")
+    require_all(("embreex", "igl", "trimesh"), "encode")
     given = as_given(source)
     prepared = as_solid(given, wall)
     mesh, solid, scale = prepared.given, prepared.solid, prepared.norm.scale
