@@ -102,8 +102,8 @@ export class SurfaceModel extends Shape {
   private topology(): Topology {
     const { faces, edges, sharp } = this.control;
     const { ofHalf, opposite, ends, first } = edges;
-    const valences = new Int32Array(first.length - 1);
-    const sharpness = new Int32Array(first.length - 1);
+    const valences = new Int32Array(first.length);
+    const sharpness = new Int32Array(first.length);
     for (let i = 0; i < ends.length; i++) {
       valences[ends[i]!]!++;
       sharpness[ends[i]!]! += sharp[i >> 1]!;
@@ -116,10 +116,11 @@ export class SurfaceModel extends Shape {
     const { positions, step, quaternion } = this.control;
     const r = rotationMatrix(quaternion);
     const out = new Float64Array(positions.length);
-    for (let i = 0; i < out.length; i++) {
-      const k = i % 3;
-      const at = i - k;
-      out[i] = step * (r[k]! * positions[at]! + r[3 + k]! * positions[at + 1]! + r[6 + k]! * positions[at + 2]!);
+    for (let i = 0; i < out.length; i += 3) {
+      const x = step * positions[i]!;
+      const y = step * positions[i + 1]!;
+      const z = step * positions[i + 2]!;
+      for (let k = 0; k < 3; k++) out[i + k] = r[k]! * x + r[3 + k]! * y + r[6 + k]! * z;
     }
     return out;
   }
