@@ -81,8 +81,8 @@ if TYPE_CHECKING:
 @click.option(
     "--solid",
     is_flag=True,
-    help="Unite overlapping parts first, and close holes, so that a surface has no faces inside. Double height fields do "
-    "so in any case.",
+    help="Unite overlapping parts first, and close holes, so that a surface has no faces inside. Double height fields "
+    "do so in any case.",
 )
 @click.option(
     "--steps",

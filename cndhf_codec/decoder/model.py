@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
@@ -616,7 +617,9 @@ class Model:
             mesh.vertex_normals = vertex_normals
         return mesh
 
-    def surface(self, resolution: int | None = None, level: int | None = None) -> TriangleMesh:
+    def surface(
+        self, resolution: int | None = None, level: int | None = None, max_error: float | str | None = None
+    ) -> TriangleMesh:
         """The surface as arrays in the normalised frame.
 
         Parameters
@@ -626,6 +629,8 @@ class Model:
             simplified; by default as in `to_mesh`. When walls are thinner than a cell of 256, the surface is made by
             intersection, which needs the `mesh` extra.
         level : int, optional
+            Of a surface: as for `to_mesh`.
+        max_error : float or str, optional
             Of a surface: as for `to_mesh`.
 
         Returns
@@ -648,9 +653,9 @@ class Model:
         (3, 3)
         """
         if not isinstance(self._shape, DhfRepresentation):
-            return self._shape.mesh(Detail(resolution, level=level), self.limits)
-        if resolution is None or level is not None:
-            return self._shape.mesh(Detail(level=level), self.limits)
+            return self._shape.mesh(Detail(resolution, max_error=max_error, level=level), self.limits)
+        if resolution is None or level is not None or max_error is not None:
+            return self._shape.mesh(Detail(max_error=max_error, level=level), self.limits)
         return self._shape.whole(whole_number(resolution, "resolution"), self.limits)
 
     def occupancy(self, resolution: int = DEFAULT_RESOLUTION) -> OccupancyGrid:
@@ -774,6 +779,10 @@ class Model:
         >>> len(model.dumps())
         747
         """
+        return self._bytes
+
+    @cached_property
+    def _bytes(self) -> bytes:
         return fmt.dumps(self.container)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:

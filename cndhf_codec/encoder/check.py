@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import I64
 from ..decoder.parallel import processors
-from ..errors import require
+from ..errors import require_all
 from ..mesh.bodies import bodies_of_solid, filled_volume, piercing
 from ..mesh.connectivity import Edges, chains, edges_of, face_components
 from ..mesh.lengths import parse_length
@@ -51,8 +51,8 @@ class Check:
     volume : float or None
         Of the solid: exact for a closed surface that does not pierce itself, else from 30,000 points.
     united : United or None
-        With `solid`: numbers of parts, `before` and `after` they were united, and the `volume` after. What follows, parts
-        and self-intersections are then those of the united solid.
+        With `solid`: numbers of parts, `before` and `after` they were united, and the `volume` after.
+        Self-intersections, parts and what follows are then those of the united solid.
     hidden : float or None
         Share of the surface that no axis sees, which double height fields fill.
     axes : int or None
@@ -134,8 +134,7 @@ def check(
     """
     seed = check_seed(seed)
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
-    for library in ("embreex", "igl", "trimesh"):
-        require(library, "encode")
+    require_all(("embreex", "igl", "trimesh"), "encode")
     given, whole = as_given(source), None
     if solid:
         given, whole = united(as_solid(given, wall), seed)

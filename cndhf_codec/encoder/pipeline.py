@@ -19,7 +19,7 @@ from ..decoder.parallel import processors
 from ..decoder.pieces import without_specks
 from ..decoder.reading import loads
 from ..decoder.results import TriangleMesh
-from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
+from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require_all
 from ..format import Container, Metadata
 from ..format.bfloat16 import above
 from ..format.constants import CODEC_RANS, CODEC_ZSTD
@@ -101,8 +101,8 @@ def encode(
     thicken : float or str, optional
         Thickness of a wall that open sheets get, which have no inside otherwise; a length as in `target_error`.
     solid : bool
-        Unite overlapping parts first, and close holes, so that a surface has no faces inside. Double height fields do so
-        in any case, but their error is then measured against the united solid, too.
+        Unite overlapping parts first, and close holes, so that a surface has no faces inside, and measure the error
+        against the united solid. Double height fields unite and close in any case.
     steps : int, optional
         Of the fit of each field, with preset "paper" only: 5,000 by default, a million in the paper.
     time_limit : float, optional
@@ -160,10 +160,9 @@ def encode(
     threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
     # Fail before any work is done where a library is missing or a name cannot be stored.
-    for library in ("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"):
-        require(library, "encode")
+    require_all(("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"), "encode")
     if plan.dhf is not None:
-        require("torch", "encode")
+        require_all(("torch",), "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
     # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
     metadata = Metadata(__version__, 0.0, 0.0, 0.0, named)
@@ -371,15 +370,15 @@ class _Run:
         try:
             decoded = loads(Model(made.container).dumps())
             if isinstance(settings, SurfaceSettings):
-                surface = decoded.to_mesh(max_error=VERIFY_ERROR)
+                made_surface = decoded.surface(max_error=VERIFY_ERROR)
             else:
-                surface = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
+                mesh = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
+                made_surface = TriangleMesh(norm.apply(mesh.vertices), np.asarray(mesh.faces, dtype=np.int64))
         except SurfaceError as exc:
             raise EncodeError(
                 f"{source.given.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower "
                 "preset, or more time"
             ) from exc
-        made_surface = TriangleMesh(norm.apply(surface.vertices), np.asarray(surface.faces, dtype=np.int64))
         measured = surface_distances(*source.reference, *made_surface, self.seed)
         kept = made_surface
         if not isinstance(settings, SurfaceSettings):
@@ -412,10 +411,7 @@ class _Run:
             unknown=made.unknown,
             normalised=measured,
             distances=distances,
-            decoded=replace(
-                bodies_of_surface(*kept).scaled(norm.scale),
-                closed=bool(surface.is_watertight),
-            ),
+            decoded=bodies_of_surface(*kept).scaled(norm.scale),
         )
         return model
 

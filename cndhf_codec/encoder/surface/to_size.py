@@ -16,6 +16,7 @@ r / mean is n / (ln(2) bits) for this larger u.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ import numpy as np
 from ...arrays import I64
 from ...format import ControlMesh
 from ...format.bfloat16 import above
-from ...format.surface.section import UNTURNED, encode_surface
+from ...format.surface.section import UNTURNED, PositionEncoder
 from ..deadline import Deadline
 from ..progress import Stage
 from .creases import Fitted, fit_smooth, fit_with_creases
@@ -147,11 +148,18 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
     stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
 
+    blank = ControlMesh(
+        UNTURNED,
+        1.0,
+        np.zeros(one.control.shape, dtype=np.int32),
+        mesh.faces.astype(np.int32),
+        one.sharp.astype(np.int32),
+    )
+    encoder = PositionEncoder(blank)
+
     def at(step: float, grid: I64) -> Sized:
-        control = ControlMesh(
-            UNTURNED, step, grid.astype(np.int32), mesh.faces.astype(np.int32), one.sharp.astype(np.int32)
-        )
-        return Sized(control, encode_surface(control), math.nan)
+        control = replace(blank, step=step, positions=grid.astype(np.int32))
+        return Sized(control, encoder.body(control), math.nan)
 
     step, best = ideal, None
     for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
