@@ -57,7 +57,7 @@ def summary(source: Path, target: Path, model: Model, verbose: bool) -> str:
 
 def united_line(united: United) -> str:
     """Say what uniting parts did."""
-    return f"united: {counted(united.before)} became {united.after}, volume {united.volume:.4g}"
+    return f"united: {counted(united.before)} became {counted(united.after)}, volume {united.volume:.4g}"
 
 
 def _size(source: Path) -> int:
