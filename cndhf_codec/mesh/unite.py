@@ -14,7 +14,8 @@ import numpy as np
 from ..arrays import F64, I64, Mask
 from ..errors import MeshError, require
 from .bodies import bodies_of_surface, piercing
-from .connectivity import component_boxes, connected, edges_of, face_components
+from .connectivity import component_boxes, face_components
+from .holes import without_holes
 from .normalise import normalisation
 from .prepare import MOST_FACES, WORTH_A_LINE, AsGiven, Prepared, solid_or_error
 from .read import Mesh
@@ -45,7 +46,9 @@ def united(prepared: Prepared, seed: int) -> tuple[AsGiven, United]:
         raise MeshError(
             f"{name}: it has {len(prepared.mesh.faces)} faces; --solid unites at most {MOST_FACES}: simplify it first"
         )
-    vertices, faces, fans = _without_holes(solid.vertices, solid.faces)
+    vertices, faces = without_holes(solid.vertices, solid.faces)
+    areas = face_areas(vertices, faces)
+    fans = float(areas[len(solid.faces) :].sum() / areas.sum())
     parts = _parts(vertices, faces)
     vertices, faces = _union(vertices, [faces[part] for part in parts], name)
     bodies = bodies_of_surface(vertices, faces)
@@ -72,35 +75,6 @@ def united(prepared: Prepared, seed: int) -> tuple[AsGiven, United]:
         assumptions,
     )
     return made, United(len(parts), bodies.parts + bodies.minor, bodies.volume * norm.scale**3)
-
-
-def _without_holes(vertices: F64, faces: I64) -> tuple[F64, I64, float]:
-    """Close each hole by a fan around the middle of its rim; return also the fans' share of the surface.
-
-    Edges along which more faces run one way than the other form closed curves. So a fan from any point, of as many
-    faces as are missing at each edge, leaves none.
-    """
-    edges = edges_of(faces, len(vertices))
-    start, end = faces.T, faces[:, [1, 2, 0]].T
-    # One corner per unbalanced edge, whose face runs as most do there.
-    net = edges.net[edges.of]
-    fitting = np.flatnonzero((net * np.where(start < end, 1, -1) > 0).ravel())
-    first = fitting[np.unique(edges.of.ravel()[fitting], return_index=True)[1]]
-    if not len(first):
-        return vertices, faces, 0.0
-    a, b, missing = start.ravel()[first], end.ravel()[first], np.abs(net.ravel()[first])
-    rim, numbers = np.unique(np.stack([a, b]), return_inverse=True)
-    numbers = numbers.reshape(2, -1)
-    hole = connected(numbers[0], numbers[1], len(rim))[numbers[0]]
-    hole = np.unique(hole, return_inverse=True)[1]
-    length = np.linalg.norm(vertices[b] - vertices[a], axis=1)
-    middle = (vertices[a] + vertices[b]) / 2
-    whole = np.bincount(hole, weights=length)
-    tips = np.stack([np.bincount(hole, weights=length * middle[:, k]) / whole for k in range(3)], axis=1)
-    fans = np.repeat(np.stack([b, a, len(vertices) + hole], axis=1), missing, axis=0)
-    vertices, faces = np.concatenate([vertices, tips]), np.concatenate([faces, fans])
-    areas = face_areas(vertices, faces)
-    return vertices, faces, float(areas[-len(fans) :].sum() / areas.sum())
 
 
 def _parts(vertices: F64, faces: I64) -> list[Mask]:
