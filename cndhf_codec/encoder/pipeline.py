@@ -30,7 +30,12 @@ from ..mesh.distances import point_distances, surface_distances
 from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
+<<<<<<< HEAD
 from .deadline import VERIFY_SHARE, Deadline
+=======
+from ..mesh.unite import united
+from .deadline import Deadline
+>>>>>>> solid
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
@@ -60,6 +65,7 @@ def encode(
     target_max: float | str | None = None,
     unit: str | None = None,
     thicken: float | str | None = None,
+    solid: bool = False,
     steps: int | None = None,
     time_limit: float | None = None,
     seed: int = 0,
@@ -98,6 +104,9 @@ def encode(
         The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
         Thickness of a wall that open sheets get, which have no inside otherwise; a length as in `target_error`.
+    solid : bool
+        Unite overlapping parts first, and close holes, so that a surface has no faces inside, and measure the error
+        against the united solid. Double height fields unite and close in any case.
     steps : int, optional
         Of the fit of each field, with preset "paper" only: 5,000 by default, a million in the paper.
     time_limit : float, optional
@@ -126,7 +135,7 @@ def encode(
     InputError
         The file cannot be opened.
     MeshError
-        The mesh is damaged, or does not bound a solid.
+        The mesh is damaged, or does not bound a solid where one is asked for.
     OptionError
         An argument is of a wrong type or out of range.
     EncodeError
@@ -167,7 +176,12 @@ def encode(
     report = Report()
     clock = _Clock(report, progress)
     clock("read", 1)
-    run = _Run(as_given(source), wall, metadata, seed, threads, report, clock, limits)
+    given = as_given(source)
+    if solid:
+        clock("unite", 1)
+        given, report.united = united(as_solid(given, wall), seed)
+        wall = None
+    run = _Run(given, wall, metadata, seed, threads, report, clock, limits)
     model = run.planned(plan, deadline)
     if seconds < math.inf and model.report.poor:
         raise EncodeError(
