@@ -30,12 +30,8 @@ from ..mesh.distances import point_distances, surface_distances
 from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
-<<<<<<< HEAD
-from .deadline import VERIFY_SHARE, Deadline
-=======
 from ..mesh.unite import united
-from .deadline import Deadline
->>>>>>> solid
+from .deadline import VERIFY_SHARE, Deadline
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
