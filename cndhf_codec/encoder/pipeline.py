@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..arguments import positive, whole_in
+from ..arrays import F64, I64
 from ..decoder.model import Model
 from ..decoder.parallel import processors
 from ..decoder.pieces import without_specks
@@ -23,14 +24,14 @@ from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceE
 from ..format import Container, Metadata
 from ..format.bfloat16 import above
 from ..format.constants import CODEC_RANS, CODEC_ZSTD
-from ..format.writer import other_bytes, pack_metadata
+from ..format.writer import dumps, other_bytes, pack_metadata
 from ..mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface
-from ..mesh.distances import surface_distances
+from ..mesh.distances import point_distances, surface_distances
 from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
 from ..mesh.unite import united
-from .deadline import Deadline
+from .deadline import VERIFY_SHARE, Deadline
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
@@ -38,7 +39,6 @@ from .settings import DhfSettings, PaperSettings, Plan, Preset, Representation, 
 from .size_search import ErrorLimits, smallest_file
 from .thread_pool import ThreadPool
 
-VERIFY_SHARE = 0.1  # of a time limit
 # Evidence for these constants: ADR 037.
 # Height fields, which answer queries without a mesh, are kept where they have at most so much of a surface's error.
 AS_GOOD = 1.05
@@ -194,9 +194,10 @@ def check_seed(seed: object) -> int:
 
 
 class _Made(NamedTuple):
-    """A file without its errors, and what the report says of it."""
+    """A file without its errors, and what the report says of it. body: of a surface's section."""
 
     container: Container
+    body: bytes | None
     covered: float
     visible: float
     unknown: float
@@ -204,6 +205,8 @@ class _Made(NamedTuple):
 
 class _HeightFields:
     """Solids as double height fields."""
+
+    distances = staticmethod(point_distances)
 
     def __init__(self) -> None:
         self._prepared: Prepared | None = None
@@ -231,11 +234,18 @@ class _HeightFields:
         if not made.records:
             raise MeshError(unseen(source.given.name))
         container = Container(source.norm.centre, source.norm.scale, tuple(made.records), metadata, codec)
-        return _Made(container, made.covered, made.visible, made.unknown)
+        return _Made(container, None, made.covered, made.visible, made.unknown)
 
 
 class _Surfaces:
     """Surfaces as they are given."""
+
+    @staticmethod
+    def distances(points: F64, vertices: F64, faces: I64) -> F64:
+        """As `point_distances`, with the tree that the fit has: it uses all threads."""
+        from .surface.nearest import Tree
+
+        return Tree(vertices, faces).closest(points).distances
 
     def prepared(self, given: AsGiven, wall: Length | None) -> AsGiven:
         if wall is None:
@@ -250,9 +260,9 @@ class _Surfaces:
         assert isinstance(settings, SurfaceSettings)
         other = other_bytes(source.norm.centre, metadata, settings.target_size)
         solid = source.solid
-        mesh = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
-        container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=mesh)
-        return _Made(container, 1.0, 1.0, 0.0)
+        made = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
+        container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=made.mesh)
+        return _Made(container, made.body, 1.0, 1.0, 0.0)
 
 
 class _Run:
@@ -368,7 +378,7 @@ class _Run:
         self.clock("verify", 1)
         # Measure what a user would decode from the bytes on disk.
         try:
-            decoded = loads(Model(made.container).dumps())
+            decoded = loads(dumps(made.container, made.body))
             if isinstance(settings, SurfaceSettings):
                 made_surface = decoded.surface(max_error=VERIFY_ERROR)
             else:
@@ -379,7 +389,7 @@ class _Run:
                 f"{source.given.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower "
                 "preset, or more time"
             ) from exc
-        measured = surface_distances(*source.reference, *made_surface, self.seed)
+        measured = surface_distances(*source.reference, *made_surface, self.seed, measure=maker.distances)
         kept = made_surface
         if not isinstance(settings, SurfaceSettings):
             # What is decoded by default has no specks. Which pieces are specks, the error with them says.
@@ -395,7 +405,7 @@ class _Run:
             p99_error=above(distances.p99),
             max_error=above(distances.maximum),
         )
-        model = Model(replace(made.container, metadata=metadata))
+        model = Model(replace(made.container, metadata=metadata), body=made.body)
         model.report = replace(
             self._report,
             representation=model.representation,
