@@ -2,7 +2,7 @@
 
     python tools/peer_picture.py OUT.png MESH FILES POINTS.tsv [--sizes 1KiB,4KiB] [--azimuth ...]
 
-FILES is a folder of `MESH-surface-1KiB.cndhf`, `MESH-dhf-1KiB.cndhf` and so on; what is not there stays empty.
+FILES is a folder of `MESH-surface-1KiB.cndhf`, `MESH-dhf-1KiB.cndhf` and so on; what is not there is left out.
 POINTS.tsv is of `bench/rate_distortion.py`: the peer is the point of least mean error that has at most a tenth more
 bytes than the size, and is made again. Files are drawn as they are decoded by default. CD is the mean error times 1000
 in the normalised frame. Needs the extra `bench`.
@@ -34,7 +34,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 ALLOWED = 1.1  # of the size: a peer's sizes come in steps
-COLOURS = 96
+COLOURS = 48
 MARGIN = 12  # pixels
 
 
@@ -92,12 +92,14 @@ def main(
     pixels: int,
 ) -> None:
     """Render MESH four ways to TARGET."""
-    given, name, columns = read_mesh(mesh), mesh.stem, 4
+    given, name = read_mesh(mesh), mesh.stem
+    kinds = [kind for kind in ("surface", "dhf") if list(files.glob(f"{name}-{kind}-*.cndhf"))]
+    columns = 2 + len(kinds)
     whole = Cell(f"{name}: {len(given.faces):,} faces", given.vertices, given.faces)
     cells: list[Cell | None] = []
     for size in sizes.split(","):
         cells += [whole, best_peer(points, given, name, parse_size(size))]
-        cells += [ours(files / f"{name}-{kind}-{size}.cndhf", kind) for kind in ("surface", "dhf")]
+        cells += [ours(files / f"{name}-{kind}-{size}.cndhf", kind) for kind in kinds]
     centre = (given.vertices.min(axis=0) + given.vertices.max(axis=0)) / 2
     scale = np.linalg.norm(given.vertices - centre, axis=1).max()
     frame = view_frame(azimuth, elevation, up)
