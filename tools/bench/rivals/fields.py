@@ -84,6 +84,7 @@ def widest(parameters: int, count: int, layers: int) -> int:
 
 def train(field: Field, samples: Samples, steps: int, seed: int, rounding: bool = False) -> None:
     """rounding: losses are those of rounded weights, and their gradients move the weights as they are."""
+    torch.set_flush_denormal(True)  # far from the surface gradients are tiny: IDF's steps take five times as long
     draw = torch.Generator().manual_seed(seed)
     optimiser = torch.optim.Adam(field.parameters(), lr=field.rate * (ROUNDING_RATE if rounding else 1))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)

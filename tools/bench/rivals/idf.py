@@ -24,7 +24,7 @@ BASE_SHARE = 0.2  # of the training, over which the weight goes from the base to
 
 
 class Idf(Field):
-    steps = 5000
+    steps = 2600
     rate = 1e-3
 
     def __init__(self, parameters: int) -> None:

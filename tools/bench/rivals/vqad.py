@@ -17,11 +17,12 @@ from .nglod import DEVIATION, FEATURES, FIRST, Nglod, Octree
 from .samples import Samples
 
 BITS = 4
+SPREAD = 0.1  # of the logits at first: with 1, a sphere has three times the error
 
 
 class Vqad(Nglod):
     def _store(self, counts: list[int]) -> None:
-        self.logits = torch.nn.ParameterList(torch.randn(n, 2**BITS) for n in counts)
+        self.logits = torch.nn.ParameterList(SPREAD * torch.randn(n, 2**BITS) for n in counts)
         self.codebooks = torch.nn.ParameterList(DEVIATION * torch.randn(2**BITS, FEATURES) for _ in counts)
 
     def tables(self) -> list[torch.Tensor]:
