@@ -21,7 +21,7 @@ def run(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch, tiny: Non
     def call(*more: str) -> list[dict[str, str]]:
         done = CliRunner().invoke(
             paper_tables.main,
-            [str(out), "fertility", *options, "--cache", str(tmp_path / "cache"), *more],
+            [str(out), "spot", *options, "--cache", str(tmp_path / "cache"), *more],
             catch_exceptions=False,
         )
         assert done.exit_code == 0, done.output

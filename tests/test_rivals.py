@@ -29,7 +29,7 @@ def sphere(tmp_path_factory: pytest.TempPathFactory) -> Samples:
 def fitted(method: str, sphere: Samples, steps: int = 800) -> fields.Field:
     torch.manual_seed(0)
     field = import_module(f"rivals.{method}").build(sphere, 4851, 1)
-    field.batch = 256
+    field.batch = 512
     fields.train(field, sphere, steps, seed=0)
     return field
 
@@ -59,8 +59,9 @@ def test_samples_are_read_from_the_cache(tmp_path: Path, monkeypatch: pytest.Mon
 def test_each_rival_learns_a_sphere_and_keeps_it_in_eight_bits(method: str, sphere: Samples) -> None:
     field = fitted(method, sphere)
     back, size = fields.rounded(field, sphere, 800, seed=0)
-    assert off(fields.mesh_of(field, sphere, 32)) < 0.01
-    assert off(fields.mesh_of(back, sphere, 32)) < 0.02
+    least = 0.02 if method == "vqad" else 0.01  # 64 voxels that share 16 features
+    assert off(fields.mesh_of(field, sphere, 32)) < least
+    assert off(fields.mesh_of(back, sphere, 32)) < 2 * least
     assert size < field.size + 200
     for weights in back.weights():
         levels = weights.detach() / (weights.detach().abs().max() / 127)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from rate_distortion import ROOT, Row, at_envelope, load_rows, mesh_path, save_rows
+from rate_distortion import ROOT, Row, at_envelope, envelope, load_rows, mesh_path, save_rows
 
 from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import read_mesh
@@ -30,8 +30,14 @@ COLUMNS = (
 )
 MEANS = ("CD", "p99", "normals", "CD-paper")
 PRINTED = {"siren_sdf": "siren", "nglod": "nglod", "vqad": "vqad", "paper": "cndhf"}  # as paper-figures.tsv has them
-# Peers; surfaces at 1 and 2 KiB; height fields at 1 to 16 KiB, of version 0.1.
-STORES = tuple(f"results/{folder}/points.tsv" for folder in ("0.2", "0.2/mechanical", "0.1", "0.1/mechanical"))
+# What is measured elsewhere in this repository: by the start of a method's name, the folders of its points.
+OTHERS = {
+    "dhf": ("cndhf default", ("0.1", "0.1/mechanical")),
+    "surface": ("cndhf default surface", ("0.2", "0.2/mechanical")),
+    "peers": (("draco", "meshopt"), ("0.2", "0.2/mechanical")),
+}
+LABELS = {"dhf": "dhf, default", "surface": "surface, default", "peers": "Draco, meshopt"}
+MOST_BYTES = 16_384  # of those in the figure
 ROWS_OF_PICTURES = 4
 
 Cells = dict[tuple[str, str], dict[str, Row]]
@@ -48,7 +54,7 @@ def report(out: Path, rows: list[Row], figures: Path) -> None:
     if claims:
         save_rows(out / "claims.tsv", claims, tuple(claims[0]))
         print((out / "claims.tsv").read_text(encoding="utf-8"))
-    others = [r for store in STORES for r in load_rows(ROOT / store)]
+    others = {name: known_points(*what) for name, what in OTHERS.items()}
     sizes = by_bytes(rows, others)
     if sizes:
         save_rows(out / "bytes.tsv", sizes, tuple(sizes[0]))
@@ -115,24 +121,26 @@ def claims_of(cells: Cells) -> list[Row]:
     return out
 
 
-def by_bytes(rows: list[Row], others: list[Row]) -> list[Row]:
-    """A row per point: its bytes and error, and those of surfaces and of today's tools at the same bytes, interpolated
-    on their envelopes."""
+def known_points(start: str | tuple[str, ...], folders: tuple[str, ...]) -> list[Row]:
+    rows = [r for folder in folders for r in load_rows(ROOT / "results" / folder / "points.tsv")]
+    return [r for r in rows if r["method"].startswith(start)]
+
+
+def by_bytes(rows: list[Row], others: dict[str, list[Row]]) -> list[Row]:
+    """A row per point: its bytes and error, and those of `default` height fields and surfaces and of today's tools at
+    the same bytes, interpolated on their envelopes."""
     out = []
     for r in rows:
-        same = [o for o in others if o["mesh"] == r["mesh"]]
-        peers = [o for o in same if not o["method"].startswith("cndhf")]
-        surfaces = [o for o in same if o["method"] == "cndhf default surface"]
-        surfaces += [o for o in rows if o["mesh"] == r["mesh"] and o["method"] == "surface"]
         row = {**{k: r[k] for k in KEY}, "bytes": r["bytes"], "CD": r["CD of bytes"], "normals": r["normals of bytes"]}
-        for name, some in (("surface", surfaces), ("peers", peers)):
+        for name, of_all in others.items():
+            some = [o for o in of_all if o["mesh"] == r["mesh"]]
             at = at_envelope(some, float(r["bytes"]), "CD") if some else float("nan")
             row |= {f"{name} CD": f"{at:.4g}", f"over {name}": f"{float(r['CD of bytes']) / at:.3g}"}
         out.append(row)
     return out
 
 
-def plots(out: Path, rows: list[Row], others: list[Row]) -> None:
+def plots(out: Path, rows: list[Row], others: dict[str, list[Row]]) -> None:
     """Error against parameters, and against bytes, a panel per mesh."""
     names = list(dict.fromkeys(r["mesh"] for r in rows))
     for file, across, up in (("parameters", "parameters", "CD"), ("bytes", "bytes", "CD of bytes")):
@@ -149,13 +157,10 @@ def plots(out: Path, rows: list[Row], others: list[Row]) -> None:
                 if points:
                     axis.loglog(*zip(*points, strict=True), label=method, marker="o", ms=3, lw=1, color=f"C{k}")
             if across == "bytes":
-                peers = [o for o in others if o["mesh"] == name and not o["method"].startswith("cndhf")]
-                low = min(float(r["bytes"]) for r in rows if r["mesh"] == name)
-                high = max(float(r["bytes"]) for r in rows if r["mesh"] == name)
-                if peers:
-                    sizes = np.geomspace(low, high, 20)
-                    values = [at_envelope(peers, s, "CD") for s in sizes]
-                    axis.loglog(sizes, values, color="grey", lw=1, label="peers")
+                for (start, of_all), style in zip(others.items(), ("k--", "k:", "grey"), strict=True):
+                    some = [o for o in of_all if o["mesh"] == name and int(o["bytes"]) <= MOST_BYTES]
+                    if some:
+                        axis.loglog(*envelope(some), style, label=LABELS[start], lw=1)
             axis.set_title(name, fontsize=9)
             axis.grid(True, which="both", alpha=0.3)
             axis.tick_params(labelsize=7, which="both")
