@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from rivals import fields, nglod, vqad
+from rivals import networks, nglod, vqad
 from rivals.samples import Samples, samples_of
 
 from cndhf_codec.mesh.solid import Solid
@@ -26,15 +26,15 @@ def sphere(tmp_path_factory: pytest.TempPathFactory) -> Samples:
     return samples_of(solid, tmp_path_factory.mktemp("cache"), share=0.05)
 
 
-def fitted(method: str, sphere: Samples, steps: int = 800) -> fields.Field:
+def fitted(method: str, sphere: Samples, steps: int = 800) -> networks.Network:
     torch.manual_seed(0)
-    field = import_module(f"rivals.{method}").build(sphere, 4851, 1)
-    field.batch = 512
-    fields.train(field, sphere, steps, seed=0)
-    return field
+    network = import_module(f"rivals.{method}").build(sphere, 4851, 1)
+    network.batch = 512
+    networks.train(network, sphere, steps, seed=0)
+    return network
 
 
-def off(mesh: fields.Mesh) -> float:
+def off(mesh: networks.Mesh) -> float:
     return float(np.abs(np.linalg.norm(mesh[0], axis=1) - RADIUS).mean())
 
 
@@ -57,12 +57,12 @@ def test_samples_are_read_from_the_cache(tmp_path: Path, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("method", ["siren_sdf", "nglod", "vqad", "idf"])
 def test_each_rival_learns_a_sphere_and_keeps_it_in_eight_bits(method: str, sphere: Samples) -> None:
-    field = fitted(method, sphere)
-    back, size = fields.rounded(field, sphere, 800, seed=0)
+    network = fitted(method, sphere)
+    back, size = networks.rounded(network, sphere, 800, seed=0)
     least = 0.02 if method == "vqad" else 0.01  # 64 voxels that share 16 features
-    assert off(fields.mesh_of(field, sphere, 32)) < least
-    assert off(fields.mesh_of(back, sphere, 32)) < 2 * least
-    assert size < field.size + 200
+    assert off(networks.mesh_of(network, sphere, 32)) < least
+    assert off(networks.mesh_of(back, sphere, 32)) < 2 * least
+    assert size < network.size + 200
     for weights in back.weights():
         levels = weights.detach() / (weights.detach().abs().max() / 127)
         assert torch.allclose(levels, levels.round(), atol=1e-3)
@@ -79,11 +79,11 @@ def test_sirens_are_as_wide_as_the_parameters_allow(method: str, parameters: int
 
 
 def test_the_displacement_of_idf_moves_its_surface(sphere: Samples) -> None:
-    field = fitted("idf", sphere)
-    whole = off(fields.mesh_of(field, sphere, 32))
+    network = fitted("idf", sphere)
+    whole = off(networks.mesh_of(network, sphere, 32))
     with torch.no_grad():
-        field.detail.linear[-1].bias += 1.0  # tanh(1) of the most, 0.05, away from the base
-    assert 0.015 < abs(off(fields.mesh_of(field, sphere, 32)) - whole) < 0.05
+        network.detail.linear[-1].bias += 1.0  # tanh(1) of the most, 0.05, away from the base
+    assert 0.015 < abs(off(networks.mesh_of(network, sphere, 32)) - whole) < 0.05
 
 
 def test_features_are_trilinear_in_each_level(sphere: Samples) -> None:
@@ -110,18 +110,18 @@ def test_the_octree_can_be_read_back(sphere: Samples) -> None:
 
 
 def test_vqad_has_a_feature_of_its_codebook_at_every_corner(sphere: Samples) -> None:
-    field = import_module("rivals.vqad").build(sphere, 4851, 2)
-    for table, codebook in zip(field.tables(), field.codebooks, strict=True):
+    network = import_module("rivals.vqad").build(sphere, 4851, 2)
+    for table, codebook in zip(network.tables(), network.codebooks, strict=True):
         assert torch.cdist(table[1:], codebook).min(dim=1).values.max() < 1e-3
-    corners = sum(len(logits) for logits in field.logits)
-    assert len(field.whole()) == len(field.octree.packed()) + -(-corners * vqad.BITS // 8)
+    corners = sum(len(logits) for logits in network.logits)
+    assert len(network.whole()) == len(network.octree.packed()) + -(-corners * vqad.BITS // 8)
 
 
 def test_nothing_of_a_network_is_meshed_outside_its_voxels(sphere: Samples) -> None:
-    field = import_module("rivals.nglod").build(sphere, 4851, 2)
+    network = import_module("rivals.nglod").build(sphere, 4851, 2)
     with torch.no_grad():
-        for weights in field.parameters():
+        for weights in network.parameters():
             weights.zero_()
-        field.decoder[2].bias += 1
+        network.decoder[2].bias += 1
     with pytest.raises(ValueError, match="Surface level"):
-        fields.mesh_of(field, sphere, 32)
+        networks.mesh_of(network, sphere, 32)

@@ -30,7 +30,7 @@ import trimesh
 from measure import Reference
 from paper_report import COLUMNS, KEY, METHODS, RIVALS, load_rows, report, save_rows
 from rate_distortion import Row, mesh_path
-from rivals import fields
+from rivals import networks
 from rivals.samples import Samples, samples_of
 from tqdm import tqdm
 
@@ -49,12 +49,12 @@ from paper_table import NAMES, fields_and_width, printed
 PARAMETERS = {1: 4851, 2: 9604, 3: 18484, 4: 43242}
 BYTES = {1: 4096, 2: 8192, 3: 16_384, 4: 32_768}
 MOST_FIELDS = 3  # of the published method where the paper has no figure of fields
-PAPER_STEPS = 10_000  # of each field: no more seconds than the rivals have; docs/paper.md has what more would bring
+PAPER_STEPS = 10_000  # of each field, meant to take no longer than a rival; docs/paper.md has what more bring
 TRIED = 10  # a trial of a number of fields has this part of the steps
 RESOLUTION = 512  # cells of our meshes, of height fields
 QUICK, QUICK_STEPS = ("rocker-arm", "fertility"), 1500
 
-Made = tuple[Row, fields.Mesh]
+Made = tuple[Row, networks.Mesh]
 
 
 class Shape:
@@ -77,7 +77,7 @@ class Shape:
     def samples(self) -> Samples:
         return samples_of(self.paper.solid, self._cache, self._share)
 
-    def row(self, about: dict[str, object], exact: fields.Mesh, stored: fields.Mesh) -> Row:
+    def row(self, about: dict[str, object], exact: networks.Mesh, stored: networks.Mesh) -> Row:
         """Figures of two meshes in the input's frame: of the weights as trained, and of what a file has of them."""
         points = sample_surface(self.paper.norm.apply(exact[0]), exact[1], paper_floor.SAMPLES, seed=3)
         figures = {**self.reference.figures(exact), "CD-paper": 1e3 * self.paper.cd_paper(points)}
@@ -89,19 +89,19 @@ class Shape:
 def rival(shape: Shape, method: str, level: int, seed: int, steps: int | None, resolution: int) -> Made:
     torch.manual_seed(seed)
     module = import_module(f"rivals.{method}")
-    field = module.build(shape.samples, PARAMETERS[level], level)
-    steps = steps or field.steps
+    network = module.build(shape.samples, PARAMETERS[level], level)
+    steps = steps or network.steps
     start = time.process_time()
-    fields.train(field, shape.samples, steps, seed)
+    networks.train(network, shape.samples, steps, seed)
     seconds = time.process_time() - start
-    back, size = fields.rounded(field, shape.samples, steps, seed)
+    back, size = networks.rounded(network, shape.samples, steps, seed)
 
-    def given(of: fields.Field) -> fields.Mesh:
-        vertices, faces = fields.mesh_of(of, shape.samples, resolution)
+    def given(of: networks.Network) -> networks.Mesh:
+        vertices, faces = networks.mesh_of(of, shape.samples, resolution)
         return shape.paper.norm.undo(vertices), faces
 
-    about = {"parameters": field.size, "bytes": size, "fields": "-", "steps": steps, "seconds": seconds}
-    mesh = given(field)
+    about = {"parameters": network.size, "bytes": size, "fields": "-", "steps": steps, "seconds": seconds}
+    mesh = given(network)
     return shape.row(about, mesh, given(back)), mesh
 
 
@@ -160,7 +160,7 @@ def coverage(shape: Shape) -> Row:
 @click.option("--seeds", default="0", show_default=True)
 @click.option("--steps", type=click.IntRange(1), help="Of rivals and of each of `paper`'s fields.  [default: theirs]")
 @click.option("--share", default=1.0, show_default=True, help="Of the rivals' million samples.")
-@click.option("--resolution", default=fields.RESOLUTION, show_default=True, help="Of the rivals' meshes.")
+@click.option("--resolution", default=networks.RESOLUTION, show_default=True, help="Of the rivals' meshes.")
 @click.option("--cache", type=click.Path(path_type=Path), default=Path("build/rivals"), show_default=True)
 @click.option("--figures", type=click.Path(path_type=Path), help="paper-figures.tsv; beside the corpus by default.")
 @click.option("--preset", default="fast", show_default=True, help="Of `dhf` and `surface`.")

@@ -13,7 +13,7 @@ import math
 
 import torch
 
-from .fields import Field, Sines, widest
+from .networks import Network, Sines, widest
 from .samples import Samples
 
 LAYERS = 4
@@ -23,7 +23,7 @@ FADE = 0.02  # nu: distance at which the displacement is halved
 BASE_SHARE = 0.2  # of the training, over which the weight goes from the base to the whole
 
 
-class Idf(Field):
+class Idf(Network):
     steps = 2600
     rate = 1e-3
 
@@ -53,5 +53,5 @@ class Idf(Field):
         return (early * (base - distances).abs() + (1 - early) * (both - distances).abs()).mean()
 
 
-def build(samples: Samples, parameters: int, level: int) -> Field:
+def build(samples: Samples, parameters: int, level: int) -> Network:
     return Idf(parameters)

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch.nn.functional import embedding_bag
 
-from .fields import Field
+from .networks import Network
 from .samples import Samples
 
 FEATURES = 16
@@ -89,7 +89,7 @@ class Octree(torch.nn.Module):
         return b"".join(data)
 
 
-class Nglod(Field):
+class Nglod(Network):
     steps = 6000
     rate = 1e-2
 
@@ -124,5 +124,5 @@ class Nglod(Field):
         return self.octree.packed()
 
 
-def build(samples: Samples, parameters: int, level: int) -> Field:
+def build(samples: Samples, parameters: int, level: int) -> Network:
     return Nglod(Octree(samples.surface, FIRST + level - 1))

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import torch
 
-from .fields import Field, Sines, widest
+from .networks import Network, Sines, widest
 from .samples import Samples
 
 LAYERS = 6
 OMEGA = 30.0
 
 
-class SirenSdf(Field):
+class SirenSdf(Network):
     steps = 8000
     rate = 5e-4
 
@@ -31,5 +31,5 @@ class SirenSdf(Field):
         return (self(points) - distances).abs().mean()
 
 
-def build(samples: Samples, parameters: int, level: int) -> Field:
+def build(samples: Samples, parameters: int, level: int) -> Network:
     return SirenSdf(parameters)

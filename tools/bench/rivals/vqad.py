@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch.nn.functional import one_hot, pad
 
-from .fields import Field
+from .networks import Network
 from .nglod import DEVIATION, FEATURES, FIRST, Nglod, Octree
 from .samples import Samples
 
@@ -42,5 +42,5 @@ class Vqad(Nglod):
         return super().whole() + np.packbits(bits.astype(bool)).tobytes()
 
 
-def build(samples: Samples, parameters: int, level: int) -> Field:
+def build(samples: Samples, parameters: int, level: int) -> Network:
     return Vqad(Octree(samples.surface, FIRST + level - 1))

@@ -22,7 +22,7 @@ ROUNDING_RATE = 0.1  # rate of the training with rounded weights, of the whole o
 Mesh = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
 
 
-class Field(torch.nn.Module, ABC):
+class Network(torch.nn.Module, ABC):
     """A network of the signed distance: `steps` of `batch` points with Adam, its rate a cosine from `rate` to zero."""
 
     steps: int
@@ -82,32 +82,34 @@ def widest(parameters: int, count: int, layers: int) -> int:
     return width
 
 
-def train(field: Field, samples: Samples, steps: int, seed: int, rounding: bool = False) -> None:
+def train(network: Network, samples: Samples, steps: int, seed: int, rounding: bool = False) -> None:
     """rounding: losses are those of rounded weights, and their gradients move the weights as they are."""
     torch.set_flush_denormal(True)  # far from the surface gradients are tiny: IDF's steps take five times as long
+    # Switched off again below: fits of ours that follow are as in a process of their own.
     draw = torch.Generator().manual_seed(seed)
-    optimiser = torch.optim.Adam(field.parameters(), lr=field.rate * (ROUNDING_RATE if rounding else 1))
+    optimiser = torch.optim.Adam(network.parameters(), lr=network.rate * (ROUNDING_RATE if rounding else 1))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
-    kept = torch.nonzero(field.covers(samples.points))[:, 0]
+    kept = torch.nonzero(network.covers(samples.points))[:, 0]
     for step in range(steps):
-        at = kept[torch.randint(len(kept), (field.batch,), generator=draw)]
-        exact = [w.detach().clone() for w in field.weights()]
+        at = kept[torch.randint(len(kept), (network.batch,), generator=draw)]
+        exact = [w.detach().clone() for w in network.weights()]
         if rounding:
-            round_weights(field)
+            round_weights(network)
         optimiser.zero_grad()
-        field.loss(samples.points[at], samples.distances[at], 1.0 if rounding else step / steps).backward()
+        network.loss(samples.points[at], samples.distances[at], 1.0 if rounding else step / steps).backward()
         with torch.no_grad():
-            for w, e in zip(field.weights(), exact, strict=True):
+            for w, e in zip(network.weights(), exact, strict=True):
                 w.copy_(e)
         optimiser.step()
         schedule.step()
+    torch.set_flush_denormal(False)
 
 
-def round_weights(field: Field) -> list[bytes]:
+def round_weights(network: Network) -> list[bytes]:
     """Round every tensor to 8 bits with one step, and return what a file has of each."""
     data = []
     with torch.no_grad():
-        for tensor in field.weights():
+        for tensor in network.weights():
             step = max(float(tensor.abs().max()), 1e-12) / 127
             whole = torch.round(tensor / step)
             tensor.copy_(whole * step)
@@ -115,18 +117,19 @@ def round_weights(field: Field) -> list[bytes]:
     return data
 
 
-def rounded(field: Field, samples: Samples, steps: int, seed: int) -> tuple[Field, int]:
-    """The field as it comes back from a file, and the bytes of the file: weights of 8 bits, and zstd.
+def rounded(network: Network, samples: Samples, steps: int, seed: int) -> tuple[Network, int]:
+    """The network as it comes back from a file, and the bytes of the file: weights of 8 bits, and zstd.
 
-    Rounding alone would cost SIRENs more than half of their accuracy, so it is trained for, a tenth of `steps`.
+    Rounding is trained for, a tenth of `steps`: without it, a SIREN of 4,801 weights needed 6,596 bytes to keep its loss
+    within a tenth.
     """
-    other = copy.deepcopy(field)
+    other = copy.deepcopy(network)
     train(other, samples, max(1, steps // 10), seed, rounding=True)
     data = b"".join([other.whole(), *round_weights(other)])
     return other, len(zstandard.ZstdCompressor(19).compress(data))
 
 
-def mesh_of(field: Field, samples: Samples, resolution: int = RESOLUTION) -> Mesh:
+def mesh_of(network: Network, samples: Samples, resolution: int = RESOLUTION) -> Mesh:
     """Marching cubes on a grid over the volume. Raises ValueError where the network has no zero level there."""
     low, high = samples.box
     spacing = float((high - low).max()) / resolution
@@ -138,10 +141,10 @@ def mesh_of(field: Field, samples: Samples, resolution: int = RESOLUTION) -> Mes
     for i, x in enumerate(axes[0]):
         plane[:, 0] = x
         points = torch.from_numpy(plane)
-        inside = field.covers(points)
+        inside = network.covers(points)
         out = torch.ones(len(points))
         if inside.any():
-            out[inside] = torch.cat([field(p).detach() for p in points[inside].split(AT_ONCE)])
+            out[inside] = torch.cat([network(p).detach() for p in points[inside].split(AT_ONCE)])
         values[i], known[i] = out.numpy().reshape(shape[1:]), inside.numpy().reshape(shape[1:])
     vertices, faces = marching_cubes(values, 0.0, spacing=3 * (spacing,), mask=known)[:2]
     return vertices.astype(np.float64) + low, faces.astype(np.int64)
