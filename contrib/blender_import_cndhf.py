@@ -26,7 +26,7 @@ def import_cndhf(path, resolution=256, smooth=True):
     import cndhf_codec  # here: the add-on can be switched on, and say what is missing, without the package
 
     model = cndhf_codec.load(path)
-    # A surface has no resolution: its default mesh is within 0.02 % of it.
+    # A surface has no resolution: its default mesh is as fine as the file's error asks for.
     surface = model.to_mesh(resolution) if model.representation == "dhf" else model.to_mesh()
     mesh = bpy.data.meshes.new(Path(path).stem)
     mesh.from_pydata(surface.vertices, [], surface.faces)

@@ -38,7 +38,7 @@ def main(
     for axis in axes.flat:
         axis.axis("off")
     for axis, path in zip(axes.flat, sources, strict=False):
-        shape = read_shape(path, 384)
+        shape = read_shape(path)
         centre = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2
         scale = np.linalg.norm(shape.vertices - centre, axis=1).max()
         axis.imshow(picture(Solid((shape.vertices - centre) / scale, shape.faces), frame, 2 * size))

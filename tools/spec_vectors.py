@@ -28,7 +28,6 @@ sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "spec"), str(ROOT / "tools")]
 import manifolds  # noqa: E402
 import rawfile  # noqa: E402
 import reference  # noqa: E402
-import reference_shape as shapes  # noqa: E402
 import refused_vectors  # noqa: E402
 
 import cndhf_codec  # noqa: E402
@@ -241,7 +240,7 @@ def chosen(points: np.ndarray, is_in: np.ndarray, clear: np.ndarray) -> np.ndarr
 
 def of_fields(shape: dict) -> dict:
     points = around(shape)
-    f = shapes.implicit(shape, points)
+    f = reference.implicit(shape, points)
     some = chosen(points, f > 0, np.abs(f) > CLEAR * shape["scale"])
     uv = np.round(np.random.default_rng(4).uniform(-0.7, 0.7, (2 if len(shape["dhfs"]) > 9 else 6, 2)), 3)
     return {
@@ -249,22 +248,22 @@ def of_fields(shape: dict) -> dict:
         "contains": (f[some] > 0).astype(int).tolist(),
         "f": np.round(f[some], 9).tolist(),
         "uv": uv.tolist(),
-        "heights": [np.round(shapes.heights(dhf, uv), 9).tolist() for dhf in shape["dhfs"]],
+        "heights": [np.round(reference.heights(dhf, uv), 9).tolist() for dhf in shape["dhfs"]],
     }
 
 
 def of_surface(shape: dict) -> dict:
     mesh = shape["mesh"]
-    level = shapes.Level(shapes.control_vertices(mesh), mesh["faces"], mesh["sharp"])
+    level = reference.Level(reference.control_vertices(mesh), mesh["faces"], mesh["sharp"])
     out = {key: mesh[key] for key in ("quaternion", "step", "positions", "faces", "sharp")}
-    out |= {"solid": shapes.is_solid(mesh), "levels": []}
+    out |= {"solid": reference.is_solid(mesh), "levels": []}
     for number in LEVELS:
         out["levels"].append({"level": number, "faces": len(level.faces), "corners": corners(shape, level, number)})
         level = level.next()
     if out["solid"]:
         vertices, points = level.limit(), around(shape)
         normalised = (points - shape["centre"]) / shape["scale"]
-        wound = np.array([shapes.winding(vertices, level.faces, p) for p in normalised])
+        wound = np.array([reference.winding(vertices, level.faces, p) for p in normalised])
         distance = cndhf_codec.Model(decoded(shape)).distance(points) / shape["scale"]
         some = chosen(points, wound > 0.5, np.abs(distance) > CLEAR)
         out |= {"points": points[some].tolist(), "contains": (wound[some] > 0.5).astype(int).tolist()}

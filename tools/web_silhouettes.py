@@ -1,5 +1,6 @@
-"""Make the silhouettes that shapes must have in a browser: `python tools/web_silhouettes.py` writes
-web/test/silhouettes.json, by this package's decoder. `--check` only tells whether it is current."""
+"""Make the silhouettes that shapes must have in a browser, and the triangles of their default meshes:
+`python tools/web_silhouettes.py` writes web/test/silhouettes.json, by this package's decoder. `--check` only tells
+whether it is current."""
 
 from __future__ import annotations
 
@@ -49,10 +50,14 @@ def main(check: bool) -> int:
     for path in [*(f"spec/vectors/{name}.cndhf" for name in NAMES), *OTHERS]:
         model = load(ROOT / path)
         values[path] = {"representation": model.representation, "silhouette": silhouette(model)}
+        if model.representation == "surface":
+            values[path]["triangles"] = len(model.surface().faces)
     if check:
         there = json.loads(TARGET.read_text("utf-8"))
         same = there.keys() == values.keys() and all(
-            differing(there[path]["silhouette"], value["silhouette"]) <= 3 for path, value in values.items()
+            differing(there[path]["silhouette"], value["silhouette"]) <= 3
+            and there[path].get("triangles") == value.get("triangles")
+            for path, value in values.items()
         )
         print("web/test/silhouettes.json is", "right" if same else "old: run python tools/web_silhouettes.py")
         return 0 if same else 1

@@ -17,7 +17,7 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "below", "bias", "codec", "count", "defaultLevel", "digits", "evaluate", "finish", "frequencies", "further", "inputs",
+  "below", "bias", "codec", "count", "digits", "evaluate", "finish", "frequencies", "further", "inputs",
   "kind", "layers", "limit", "lookup", "magnitude", "matrix", "nDhfs", "negative", "network", "nonzero", "normalised",
   "outputs", "raw", "sharpness", "starts", "take", "valences", "widen", "winding", "zero",
 ];

@@ -35,6 +35,7 @@ from ..mesh.lengths import parse_size
 @click.option("--target-max", metavar="ERROR", help="Most maximum error, as cndhf-encode.")
 @click.option("--unit", type=click.Choice(["mm", "cm", "m", "in"]), help="The unit of all inputs.")
 @click.option("--thicken", metavar="THICKNESS", help="Give open sheets a wall, as cndhf-encode.")
+@click.option("--solid", is_flag=True, help="Unite overlapping parts first, as cndhf-encode.")
 @click.option("--seed", type=int, default=0, help="As cndhf-encode.")
 @click.option("--memory", metavar="SIZE", help="Most memory of a worker, such as 4GB; a file that takes more fails.")
 @click.option(

@@ -13,7 +13,7 @@ import click
 from ..errors import CndhfError, OptionError
 from ..files import STREAM, check_output
 from .streams import check_standard_output, standard_input
-from .summary import summary
+from .summary import summary, united_line
 
 if TYPE_CHECKING:
     from ..encoder.check import Check
@@ -79,6 +79,12 @@ if TYPE_CHECKING:
     "or 2mm with --unit.",
 )
 @click.option(
+    "--solid",
+    is_flag=True,
+    help="Unite overlapping parts first, and close holes, so that a surface has no faces inside. Double height fields "
+    "do so in any case.",
+)
+@click.option(
     "--steps",
     type=int,
     help="With --preset paper: steps of the fit of each field; the paper's are a million.  [default: 5000]",
@@ -111,6 +117,7 @@ def command(
     target_max: str | None,
     unit: str | None,
     thicken: str | None,
+    solid: bool,
     steps: int | None,
     time_limit: float | None,
     seed: int,
@@ -131,7 +138,7 @@ def command(
     if only_check:
         if len(paths) > 1 or folder is not None:
             raise OptionError(f"--check takes one INPUT and writes nothing: leave {folder or paths[1]} out")
-        return _check(_given(paths[0]), as_json, thicken, unit, seed, representation)
+        return _check(_given(paths[0]), as_json, thicken, unit, solid, seed, representation)
     if as_json:
         raise OptionError("--json goes with --check")
     jobs = _jobs(paths, folder, force_name)
@@ -157,6 +164,7 @@ def command(
                 target_max=target_max,
                 unit=unit,
                 thicken=thicken,
+                solid=solid,
                 steps=steps,
                 time_limit=time_limit,
                 seed=seed,
@@ -225,12 +233,18 @@ def _given(source: Path) -> Path | BinaryIO:
 
 
 def _check(
-    source: Path | BinaryIO, as_json: bool, thicken: str | None, unit: str | None, seed: int, wanted: Representation
+    source: Path | BinaryIO,
+    as_json: bool,
+    thicken: str | None,
+    unit: str | None,
+    solid: bool,
+    seed: int,
+    wanted: Representation,
 ) -> int:
     """Print the check and return the exit code, 1 where the mesh would be refused."""
     from ..encoder.check import check
 
-    found = check(source, thicken=thicken, unit=unit, seed=seed)
+    found = check(source, thicken=thicken, unit=unit, solid=solid, seed=seed)
     refused = wanted == "dhf" and found.refusal is not None
     click.echo(json.dumps(asdict(found), indent=2) if as_json else _checked(found, wanted))
     return 1 if refused else 0
@@ -255,6 +269,8 @@ def _checked(c: Check, wanted: Representation) -> str:
             lines.append(f"volume: about {c.volume:.3g}; parts are not counted, for the surface is open")
         else:
             lines.append(f"parts that do not touch: {c.parts}{tiny}; volume: {c.volume:.7g}")
+    if c.united is not None:
+        lines.append(united_line(c.united))
     if wanted != "surface" and c.hidden and c.filled is not None:
         lines.append(
             f"hidden from every axis, filled by double height fields: {percent(c.hidden)} of the surface, "

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ..decoder.model import Model
     from ..encoder.report import Other
     from ..mesh.bodies import Bodies
+    from ..mesh.unite import United
 
 
 def summary(source: Path, target: Path, model: Model, verbose: bool) -> str:
@@ -35,6 +36,8 @@ def summary(source: Path, target: Path, model: Model, verbose: bool) -> str:
                 f"surface seen by the chosen axes: {100 * report.covered:.1f} % (by any axis: "
                 f"{100 * report.visible:.1f} %)"
             )
+    if report.united is not None:
+        lines.append(united_line(report.united))
     lines.append(f"input: {_bodies(report.bodies)}; result: {_bodies(decoded)}")
     if report.other is not None:
         lines.append(_other(report.other, report.diagonal))
@@ -50,6 +53,11 @@ def summary(source: Path, target: Path, model: Model, verbose: bool) -> str:
         f"{share(d.maximum)}, {pieces}, {sum(report.seconds.values()):.0f} s"
     )
     return "\n".join(lines)
+
+
+def united_line(united: United) -> str:
+    """Say what uniting parts did."""
+    return f"united: {counted(united.before)} became {counted(united.after)}, volume {united.volume:.4g}"
 
 
 def _size(source: Path) -> int:

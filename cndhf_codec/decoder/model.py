@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
@@ -78,17 +79,19 @@ class Model:
     """
 
     def __init__(
-        self, container: fmt.Container, sections: dict[str, int] | None = None, limits: Limits | None = None
+        self,
+        container: fmt.Container,
+        sections: dict[str, int] | None = None,
+        limits: Limits | None = None,
+        body: bytes | None = None,
     ) -> None:
         if not isinstance(container, fmt.Container):
             raise OptionError(f"a format.Container is needed; got {type(container).__name__}: see load and loads")
         self.container = container
         self.limits = Limits() if limits is None else limits
-        self._sections = sections
+        self._sections, self._body = sections, body
         self._shape: Representation = (
-            DhfRepresentation(container)
-            if container.surface is None
-            else SurfaceRepresentation(container.surface, container.scale)
+            DhfRepresentation(container) if container.surface is None else SurfaceRepresentation(container)
         )
         self._centre = np.array(container.centre, dtype=np.float64)
         # What `encode` did, a `cndhf_codec.Report`; None for a model that was read.
@@ -350,8 +353,8 @@ class Model:
         -------
         ndarray of float64, shape (...)
             In input units: the distance from the mesh that `to_mesh()` makes by default, exact up to rounding. So it is
-            off by at most what that mesh is: of a surface, by 0.02 % of the diagonal of its bounding box, but for 1 %
-            of the edges. -inf for a point that is not finite; NaN for one with a NaN.
+            off by what that mesh is: of a surface, by less than half the file's mean error, but next to few of its edges.
+            -inf for a point that is not finite; NaN for one with a NaN.
 
         Raises
         ------
@@ -537,8 +540,9 @@ class Model:
         By default there are as many triangles as the file's own measured error needs. Double height fields: marching
         cubes with cells of twelve mean errors (128 to 256 along the longest side), simplified by half the mean error,
         which adds 2 to 4 % to it; by intersection where walls are thinner than a cell; at 256, not simplified, where
-        the file holds no error. A surface: the coarsest level within 0.02 % of the diagonal of its bounding box, but
-        for 1 % of its edges, and with at most 524,288 triangles.
+        the file holds no error. A surface: subdivided, place by place, until its edges are within half the mean error
+        of it, but for a tenth of those of the finest level at most; within 0.02 % of the diagonal where the file holds
+        no error. That adds less than 1 % to the mean error. There are at most 524,288 triangles.
 
         Parameters
         ----------
@@ -616,7 +620,9 @@ class Model:
             mesh.vertex_normals = vertex_normals
         return mesh
 
-    def surface(self, resolution: int | None = None, level: int | None = None) -> TriangleMesh:
+    def surface(
+        self, resolution: int | None = None, level: int | None = None, max_error: float | str | None = None
+    ) -> TriangleMesh:
         """The surface as arrays in the normalised frame.
 
         Parameters
@@ -626,6 +632,8 @@ class Model:
             simplified; by default as in `to_mesh`. When walls are thinner than a cell of 256, the surface is made by
             intersection, which needs the `mesh` extra.
         level : int, optional
+            Of a surface: as for `to_mesh`.
+        max_error : float or str, optional
             Of a surface: as for `to_mesh`.
 
         Returns
@@ -648,9 +656,9 @@ class Model:
         (3, 3)
         """
         if not isinstance(self._shape, DhfRepresentation):
-            return self._shape.mesh(Detail(resolution, level=level), self.limits)
-        if resolution is None or level is not None:
-            return self._shape.mesh(Detail(level=level), self.limits)
+            return self._shape.mesh(Detail(resolution, max_error=max_error, level=level), self.limits)
+        if resolution is None or level is not None or max_error is not None:
+            return self._shape.mesh(Detail(max_error=max_error, level=level), self.limits)
         return self._shape.whole(whole_number(resolution, "resolution"), self.limits)
 
     def occupancy(self, resolution: int = DEFAULT_RESOLUTION) -> OccupancyGrid:
@@ -774,7 +782,11 @@ class Model:
         >>> len(model.dumps())
         747
         """
-        return fmt.dumps(self.container)
+        return self._bytes
+
+    @cached_property
+    def _bytes(self) -> bytes:
+        return fmt.dumps(self.container, self._body)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the `.cndhf` file. When that fails, nothing is left, and an older file stays as it was.

@@ -9,11 +9,12 @@ import numpy as np
 
 from ..arrays import I64
 from ..decoder.parallel import processors
-from ..errors import require
+from ..errors import require_all
 from ..mesh.bodies import bodies_of_solid, filled_volume, piercing
 from ..mesh.connectivity import Edges, chains, edges_of, face_components
 from ..mesh.lengths import parse_length
 from ..mesh.prepare import as_given, as_solid
+from ..mesh.unite import United, united
 from .dhf.axes.costs import AxisCosts
 from .dhf.settings import DEFAULT
 from .pipeline import check_seed
@@ -49,6 +50,9 @@ class Check:
         Parts of the solid, where those that touch count as one; minor ones are shorter than 1/100 of the largest.
     volume : float or None
         Of the solid: exact for a closed surface that does not pierce itself, else from 30,000 points.
+    united : United or None
+        With `solid`: numbers of parts, `before` and `after` they were united, and the `volume` after.
+        Self-intersections, parts and what follows are then those of the united solid.
     hidden : float or None
         Share of the surface that no axis sees, which double height fields fill.
     axes : int or None
@@ -81,6 +85,7 @@ class Check:
     parts: int | None
     minor_parts: int | None
     volume: float | None
+    united: United | None
     filled: float | None
     hidden: float | None
     axes: int | None
@@ -91,12 +96,19 @@ class Check:
     refusal: str | None
 
 
-def check(source: Any, *, thicken: float | str | None = None, unit: str | None = None, seed: int = 0) -> Check:
+def check(
+    source: Any,
+    *,
+    thicken: float | str | None = None,
+    unit: str | None = None,
+    solid: bool = False,
+    seed: int = 0,
+) -> Check:
     """Look at a mesh as `encode` would, without encoding it.
 
     Parameters
     ----------
-    source, thicken, unit, seed
+    source, thicken, unit, solid, seed
         As of `encode`.
 
     Returns
@@ -107,7 +119,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     Raises
     ------
     InputError, MeshError
-        For what cannot be read or is no mesh.
+        For what cannot be read or is no mesh, and with `solid` for what has no inside.
     OptionError
         When an argument is of a wrong type or out of range.
     MissingExtraError
@@ -122,22 +134,24 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
     """
     seed = check_seed(seed)
     wall = None if thicken is None else parse_length(thicken, unit, "thickness")
-    for library in ("embreex", "igl", "trimesh"):
-        require(library, "encode")
-    given = as_given(source)
+    require_all(("embreex", "igl", "trimesh"), "encode")
+    given, whole = as_given(source), None
+    if solid:
+        given, whole = united(as_solid(given, wall), seed)
+        wall = None
     prepared = as_solid(given, wall)
-    mesh, solid, scale = prepared.given, prepared.solid, prepared.norm.scale
+    mesh, body, scale = prepared.given, prepared.solid, prepared.norm.scale
     edges = edges_of(mesh.faces, len(mesh.vertices))
     boundary = _boundary(mesh.faces, edges)
-    pierced = piercing(solid, seed)
+    pierced = piercing(body, seed)
     parts = minor_parts = volume = filled = hidden = axes = bound = None
     assumptions, refusal = (given if wall is None else prepared).assumptions, prepared.refusal
     of_solid = prepared.assumptions[len(assumptions) :]
     if refusal is None:
-        bodies = bodies_of_solid(solid, seed, pierced).scaled(scale)
+        bodies = bodies_of_solid(body, seed, pierced).scaled(scale)
         parts, minor_parts, volume = bodies.parts, bodies.minor, bodies.volume
         with ThreadPool(min(4, processors())) as threads:
-            costs = AxisCosts(solid, seed, threads)
+            costs = AxisCosts(body, seed, threads)
         hidden = 1 - costs.visible
         of_solid = [*of_solid, *hidden_warning(costs.visible)]
         if costs.visible > 0:
@@ -145,7 +159,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
             chosen = costs.best(axes)
             # Only one of the two directed distances in the mean error sees what is filled.
             bound = costs.depth(chosen) / 2 * scale
-            filled = filled_volume(solid, costs.axes[chosen]) * scale**3
+            filled = filled_volume(body, costs.axes[chosen]) * scale**3
         else:
             refusal = unseen(mesh.name)
     x, y, z = (float(e) for e in prepared.extents)
@@ -165,6 +179,7 @@ def check(source: Any, *, thicken: float | str | None = None, unit: str | None =
         parts=parts,
         minor_parts=minor_parts,
         volume=volume,
+        united=whole,
         filled=filled,
         hidden=hidden,
         axes=axes,

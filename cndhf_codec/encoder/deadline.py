@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import time
 
+VERIFY_SHARE = 0.1  # of a time limit; the rest is for the encode
+
 
 class Deadline:
     """A time limit of some seconds from now, by default infinitely many."""
@@ -15,12 +17,34 @@ class Deadline:
 
     def passed(self) -> float:
         """Share of the time that has passed: 1 or more when it is over, 0 without a limit."""
-        return (time.monotonic() - self._start) / self._seconds
+        return self.gone() / self._seconds
 
     def left(self) -> float:
         """Seconds left, 0 or more; infinite without a limit."""
-        return max(self._seconds - (time.monotonic() - self._start), 0.0)
+        return max(self._seconds - self.gone(), 0.0)
+
+    def gone(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self._start
+
+    def before(self, seconds: float) -> Deadline:
+        """A deadline so many seconds earlier."""
+        return Deadline(self._seconds - self.gone() - seconds)
 
     def part(self, share: float) -> Deadline:
         """A deadline after that share of the time that is left."""
-        return Deadline(share * (self._seconds - (time.monotonic() - self._start)))
+        return Deadline(share * (self._seconds - self.gone()))
+
+
+class Pace:
+    """Tells whether a deadline leaves time for one more of what takes about equally long each time."""
+
+    def __init__(self, deadline: Deadline) -> None:
+        self._deadline, self._begin = deadline, deadline.gone()
+        self.last = 0.0  # seconds that the last one took
+
+    def done(self) -> bool:
+        """To be called after each one. Returns whether there is time for another."""
+        end = self._deadline.gone()
+        self.last, self._begin = end - self._begin, end
+        return self._deadline.left() >= self.last

@@ -14,22 +14,24 @@ import numpy as np
 
 from .. import __version__
 from ..arguments import positive, whole_in
+from ..arrays import F64, I64
 from ..decoder.model import Model
 from ..decoder.parallel import processors
 from ..decoder.pieces import without_specks
 from ..decoder.reading import loads
 from ..decoder.results import TriangleMesh
-from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require
+from ..errors import CndhfWarning, EncodeError, MeshError, OptionError, SurfaceError, require_all
 from ..format import Container, Metadata
 from ..format.bfloat16 import above
 from ..format.constants import CODEC_RANS, CODEC_ZSTD
-from ..format.writer import other_bytes, pack_metadata
+from ..format.writer import dumps, other_bytes, pack_metadata
 from ..mesh.bodies import Bodies, bodies_of_solid, bodies_of_surface
-from ..mesh.distances import surface_distances
+from ..mesh.distances import point_distances, surface_distances
 from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
-from .deadline import Deadline
+from ..mesh.unite import united
+from .deadline import VERIFY_SHARE, Deadline
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
@@ -37,7 +39,6 @@ from .settings import DhfSettings, PaperSettings, Plan, Preset, Representation, 
 from .size_search import ErrorLimits, smallest_file
 from .thread_pool import ThreadPool
 
-VERIFY_SHARE = 0.1  # of a time limit
 # Evidence for these constants: ADR 037.
 # Height fields, which answer queries without a mesh, are kept where they have at most so much of a surface's error.
 AS_GOOD = 1.05
@@ -60,6 +61,7 @@ def encode(
     target_max: float | str | None = None,
     unit: str | None = None,
     thicken: float | str | None = None,
+    solid: bool = False,
     steps: int | None = None,
     time_limit: float | None = None,
     seed: int = 0,
@@ -98,6 +100,9 @@ def encode(
         The input's unit, for `target_error` and `thicken`.
     thicken : float or str, optional
         Thickness of a wall that open sheets get, which have no inside otherwise; a length as in `target_error`.
+    solid : bool
+        Unite overlapping parts first, and close holes, so that a surface has no faces inside, and measure the error
+        against the united solid. Double height fields unite and close in any case.
     steps : int, optional
         Of the fit of each field, with preset "paper" only: 5,000 by default, a million in the paper.
     time_limit : float, optional
@@ -126,7 +131,7 @@ def encode(
     InputError
         The file cannot be opened.
     MeshError
-        The mesh is damaged, or does not bound a solid.
+        The mesh is damaged, or does not bound a solid where one is asked for.
     OptionError
         An argument is of a wrong type or out of range.
     EncodeError
@@ -155,10 +160,9 @@ def encode(
     threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
     # Fail before any work is done where a library is missing or a name cannot be stored.
-    for library in ("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"):
-        require(library, "encode")
+    require_all(("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"), "encode")
     if plan.dhf is not None:
-        require("torch", "encode")
+        require_all(("torch",), "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
     # Zeros stand for the errors, which are measured last: the size of the file does not depend on them.
     metadata = Metadata(__version__, 0.0, 0.0, 0.0, named)
@@ -168,7 +172,12 @@ def encode(
     report = Report()
     clock = _Clock(report, progress)
     clock("read", 1)
-    run = _Run(as_given(source), wall, metadata, seed, threads, report, clock, limits)
+    given = as_given(source)
+    if solid:
+        clock("unite", 1)
+        given, report.united = united(as_solid(given, wall), seed)
+        wall = None
+    run = _Run(given, wall, metadata, seed, threads, report, clock, limits)
     model = run.planned(plan, deadline)
     if seconds < math.inf and model.report.poor:
         raise EncodeError(
@@ -185,9 +194,10 @@ def check_seed(seed: object) -> int:
 
 
 class _Made(NamedTuple):
-    """A file without its errors, and what the report says of it."""
+    """A file without its errors, and what the report says of it. body: of a surface's section."""
 
     container: Container
+    body: bytes | None
     covered: float
     visible: float
     unknown: float
@@ -195,6 +205,8 @@ class _Made(NamedTuple):
 
 class _HeightFields:
     """Solids as double height fields."""
+
+    distances = staticmethod(point_distances)
 
     def __init__(self) -> None:
         self._prepared: Prepared | None = None
@@ -222,11 +234,18 @@ class _HeightFields:
         if not made.records:
             raise MeshError(unseen(source.given.name))
         container = Container(source.norm.centre, source.norm.scale, tuple(made.records), metadata, codec)
-        return _Made(container, made.covered, made.visible, made.unknown)
+        return _Made(container, None, made.covered, made.visible, made.unknown)
 
 
 class _Surfaces:
     """Surfaces as they are given."""
+
+    @staticmethod
+    def distances(points: F64, vertices: F64, faces: I64) -> F64:
+        """As `point_distances`, with the tree that the fit has: it uses all threads."""
+        from .surface.nearest import Tree
+
+        return Tree(vertices, faces).closest(points).distances
 
     def prepared(self, given: AsGiven, wall: Length | None) -> AsGiven:
         if wall is None:
@@ -241,9 +260,9 @@ class _Surfaces:
         assert isinstance(settings, SurfaceSettings)
         other = other_bytes(source.norm.centre, metadata, settings.target_size)
         solid = source.solid
-        mesh = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
-        container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=mesh)
-        return _Made(container, 1.0, 1.0, 0.0)
+        made = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
+        container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=made.mesh)
+        return _Made(container, made.body, 1.0, 1.0, 0.0)
 
 
 class _Run:
@@ -359,18 +378,18 @@ class _Run:
         self.clock("verify", 1)
         # Measure what a user would decode from the bytes on disk.
         try:
-            decoded = loads(Model(made.container).dumps())
+            decoded = loads(dumps(made.container, made.body))
             if isinstance(settings, SurfaceSettings):
-                surface = decoded.to_mesh(max_error=VERIFY_ERROR)
+                made_surface = decoded.surface(max_error=VERIFY_ERROR)
             else:
-                surface = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
+                mesh = decoded.to_mesh(settings.verify_resolution if isinstance(settings, DhfSettings) else None)
+                made_surface = TriangleMesh(norm.apply(mesh.vertices), np.asarray(mesh.faces, dtype=np.int64))
         except SurfaceError as exc:
             raise EncodeError(
                 f"{source.given.name}: the fit was too coarse to hold a solid; use a larger size or width, a slower "
                 "preset, or more time"
             ) from exc
-        made_surface = TriangleMesh(norm.apply(surface.vertices), np.asarray(surface.faces, dtype=np.int64))
-        measured = surface_distances(*source.reference, *made_surface, self.seed)
+        measured = surface_distances(*source.reference, *made_surface, self.seed, measure=maker.distances)
         kept = made_surface
         if not isinstance(settings, SurfaceSettings):
             # What is decoded by default has no specks. Which pieces are specks, the error with them says.
@@ -386,7 +405,7 @@ class _Run:
             p99_error=above(distances.p99),
             max_error=above(distances.maximum),
         )
-        model = Model(replace(made.container, metadata=metadata))
+        model = Model(replace(made.container, metadata=metadata), body=made.body)
         model.report = replace(
             self._report,
             representation=model.representation,
@@ -402,10 +421,7 @@ class _Run:
             unknown=made.unknown,
             normalised=measured,
             distances=distances,
-            decoded=replace(
-                bodies_of_surface(*kept).scaled(norm.scale),
-                closed=bool(surface.is_watertight),
-            ),
+            decoded=bodies_of_surface(*kept).scaled(norm.scale),
         )
         return model
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..mesh.bodies import Bodies
 from ..mesh.distances import Distances
+from ..mesh.unite import United
 from ..mesh.wording import counted, percent
 
 # Evidence for these constants: ADR 014; MOST_VOLUME_CHANGE: 003.
@@ -40,6 +41,8 @@ class Report:
         Of the file: "dhf" or "surface".
     other : Other or None
         The representation that was tried and not kept.
+    united : United or None
+        With `solid`: `before` and `after`, numbers of parts, and their `volume`.
     faces, dropped_faces : int
         Faces of the input, and those of zero area that were left out.
     flipped : float
@@ -54,8 +57,8 @@ class Report:
     unknown : float
         Share of the rays that meet a face from behind, through a hole.
     distances, normalised : Distances or None
-        Between the input (or its walls where it was thickened) and the decoded file; in input units, and in the
-        normalised frame.
+        Between the input (its walls where it was thickened, its solid where parts were united) and the decoded file; in
+        input units, and in the normalised frame.
     diagonal : float
         Of the input's bounding box.
     bodies, decoded : Bodies or None
@@ -66,6 +69,7 @@ class Report:
 
     representation: str = ""
     other: Other | None = None
+    united: United | None = None
     faces: int = 0
     dropped_faces: int = 0
     flipped: float = 0.0

@@ -19,8 +19,8 @@ from .surface.section import encode_surface
 ZSTD_LEVEL = 22
 
 
-def dumps(container: Container) -> bytes:
-    """Bytes of a `.cndhf` file.
+def dumps(container: Container, body: bytes | None = None) -> bytes:
+    """Bytes of a `.cndhf` file. body: of the surface's section, where it has been encoded already.
 
     Raises OptionError when the container holds what the format cannot express or a reader would refuse, so that no
     unreadable file is ever written.
@@ -28,7 +28,7 @@ def dumps(container: Container) -> bytes:
     if container.surface is None:
         shape = section(container.codec, _height_fields(container))
     else:
-        shape = section(c.KIND_SURFACE, encode_surface(container.surface))
+        shape = section(c.KIND_SURFACE, encode_surface(container.surface) if body is None else body)
     data = _head(container.centre, container.scale) + shape + pack_metadata(container.metadata)
     data += struct.pack("<I", zlib.crc32(data))
     try:

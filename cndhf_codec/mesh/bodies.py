@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import F64, I32, I64, Mask
-from .connectivity import component_boxes, connected, face_components
+from .connectivity import component_boxes, connected, edges_of, face_components
 from .sampling import draw_faces, points_in
 from .solid import Solid, signed_volumes
 
@@ -44,11 +44,12 @@ class Bodies:
 
 
 def bodies_of_surface(vertices: F64, faces: I64) -> Bodies:
-    """Measure a closed surface without self-intersections, such as a decoder makes. Cavities are no parts."""
+    """Measure a surface without self-intersections, such as a decoder makes. Cavities are no parts."""
     label = face_components(faces, len(vertices))
     volumes = np.bincount(label, weights=signed_volumes(vertices, faces)).astype(np.float64)
     parts, minor = _counted(vertices, faces, label, volumes)
-    return Bodies(parts, minor, float(volumes.sum()))
+    closed = bool((edges_of(faces, len(vertices)).count == 2).all())
+    return Bodies(parts, minor, float(volumes.sum()), closed=closed)
 
 
 def bodies_of_solid(solid: Solid, seed: int, edges: Piercing | None = None) -> Bodies:

@@ -450,6 +450,26 @@ def test_a_cloth_is_refused(run, fails, cloth, tmp_path):
     assert run("encode", cloth, "--check", "--thicken", "2%")[0] == 0
 
 
+def test_overlapping_parts_are_united(run, fails, cloth, tmp_path):
+    parts = [trimesh.creation.box((1, 1, 1)), trimesh.creation.box((2, 0.5, 0.5))]
+    trimesh.util.concatenate(parts).export(tmp_path / "parts.ply")
+    options = ["--preset", "fast", "--representation", "surface", "--target-size", "1KiB"]
+    target = tmp_path / "parts.cndhf"
+    code, out, err = run("encode", tmp_path / "parts.ply", target, "--solid", *options)
+    assert (code, err) == (0, "")
+    assert "united: 2 parts became 1 part, volume 1.25\n" in out
+    model = load(target)
+    mesh = model.to_mesh()
+    assert mesh.volume == pytest.approx(1.25, rel=0.01)
+    assert mesh.area == pytest.approx(6 + 4 * 0.5, rel=0.01)  # without --solid it has the faces inside, too: 10.5
+    code, out, err = run("encode", "--check", tmp_path / "parts.ply", "--solid")
+    assert (code, err) == (0, "")
+    assert "united: 2 parts became 1 part, volume 1.25\n" in out
+    refusal = fails(1, "encode", cloth, tmp_path / "a.cndhf", "--solid")
+    assert "cloth.ply: it has no inside" in refusal
+    assert "--thicken 1%" in refusal
+
+
 @pytest.mark.usefixtures("tiny")
 def test_a_cloth_gets_a_wall(run, cloth, tmp_path):
     arguments = [

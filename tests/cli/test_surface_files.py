@@ -42,7 +42,7 @@ def test_decode_by_level_error_and_faces(run, files):
         (("--faces", 512), 512),
         (("--faces", 4), 4),
         (("--max-error", "0.02%"), 8192),
-        ((), 8192),
+        ((), 8144),
     ):
         code, out, _ = run("decode", files / "ball.cndhf", files / "ball.ply", "--overwrite", *options)
         assert code == 0

@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 import surfaces
 from analytic import ABOUT_Z_45, slab
+from places import ROOT
 
-from cndhf_codec import Limits, loads
+from cndhf_codec import Limits, load, loads
 from cndhf_codec.decoder import Model
 from cndhf_codec.decoder.queries import TriangleQueries
 from cndhf_codec.decoder.surface import representation
 from cndhf_codec.decoder.surface.levels import Level, distances_from_limit, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.errors import OptionError, SectionError, SheetError, SurfaceError
+from cndhf_codec.format import Metadata
 from cndhf_codec.mesh.distances import surface_distances
 
 CENTRE, SCALE = (10.0, -20.0, 30.0), 4.0
@@ -343,17 +345,93 @@ def test_numbers_of_triangles_and_levels():
         ball.to_mesh(max_error="0.001%")
 
 
-def test_the_default_level_is_the_coarsest_that_is_close_but_for_a_hundredth():
+def measured(model, mean):
+    """The same file, whose metadata states this mean error."""
+    return Model(replace(model.container, metadata=Metadata(mean_error=mean, p99_error=4 * mean, max_error=9 * mean)))
+
+
+@pytest.mark.parametrize("make", [surfaces.ball, surfaces.sheet, surfaces.capped_tube])
+def test_a_default_mesh_is_as_fine_as_the_files_error_asks_for(make):
+    model = make()
+    exact = model.surface(level=6).vertices
+    counts = []
+    for mean in (2e-2, 2e-3, 2e-4):
+        vertices, faces = measured(model, mean).surface()
+        counts.append(len(faces))
+        off = TriangleQueries(vertices, faces).nearest(exact).distance
+        assert off.mean() < mean / 4
+        assert np.quantile(off, 0.9) < mean / 2
+        # A level less would be off by about four times as much.
+        assert off.max() > mean / 12
+    assert 2 * counts[0] < counts[1] < counts[2] / 2
+
+
+def test_a_file_that_states_no_error_has_a_mesh_within_a_share_of_the_diagonal():
     ball = surfaces.ball()
-    exact = ball.surface(level=6).vertices
-    diagonal = np.linalg.norm(np.ptp(exact, axis=0))
-    level = round(np.log(len(ball.to_mesh().faces) / 8) / np.log(4))
-    beyond = []
-    for k in (level - 1, level):
-        vertices, faces = ball.surface(level=k)
-        beyond.append(np.mean(TriangleQueries(vertices, faces).nearest(exact).distance > 2e-4 * diagonal))
-    assert beyond[0] > 0.02
-    assert beyond[1] < 0.02
+    diagonal = np.linalg.norm(np.ptp(ball.surface(level=0).vertices, axis=0))
+    wanted = measured(ball, 4e-4 * diagonal).surface()
+    for same in (ball, measured(ball, 0.0)):
+        np.testing.assert_array_equal(same.surface().faces, wanted.faces)
+
+
+def test_whatever_a_file_states_of_its_error_the_mesh_keeps_its_shape():
+    ball = surfaces.ball()
+    wild, most = (measured(ball, mean).surface() for mean in (1e30, 0.02 * np.sqrt(12)))
+    assert len(wild.faces) >= len(most.faces) > 8
+
+
+def test_triangles_of_several_levels_have_no_gaps():
+    # A long tip on a ball: there the surface bends most.
+    tips = surfaces.TIPS * [1, 1, 3]
+    model = Model(surfaces.container(surfaces.OCTAHEDRON, tips))
+    mesh = measured(model, 2e-3).to_mesh()
+    areas = mesh.area_faces
+    assert areas.max() > 10 * areas.min()
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    whole = model.to_mesh(level=6)
+    assert mesh.volume == pytest.approx(whole.volume, rel=2e-3)
+    assert len(mesh.faces) < len(model.to_mesh(max_error=2e-3).faces)
+    shaded = measured(model, 2e-3).to_mesh(normals=True)
+    np.testing.assert_array_equal(shaded.faces, mesh.faces)
+    np.testing.assert_array_equal(shaded.vertices, mesh.vertices)
+    assert (shaded.vertex_normals[shaded.faces].mean(axis=1) * mesh.face_normals).sum(axis=1).min() > 0.9
+
+
+@pytest.mark.parametrize("mean", [0.02, 0.005])
+def test_what_is_finer_asks_for_what_it_lies_in(mean):
+    # Among random vertices, edges of a level may keep to what those of the next do not.
+    faces = manifolds.voxels(np.random.default_rng(0).random((3, 3, 3)) < 2)
+    model = Model(surfaces.container(faces, np.random.default_rng(1).random((1 + faces.max(), 3)) - 0.5))
+    mesh = measured(model, mean).to_mesh()
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert not {len(faces) * 4**k for k in range(7)} & {len(mesh.faces)}
+
+
+def test_a_default_mesh_is_as_much_outside_as_inside():
+    ball = surfaces.ball()
+    exact = ball.to_mesh(level=6).volume
+    mesh = measured(ball, 5e-3).to_mesh()
+    level = ball.to_mesh(level=3)
+    assert level.volume < 0.99 * exact  # all of its vertices are on a surface that bends one way
+    assert mesh.volume == pytest.approx(exact, rel=1e-3)
+
+
+def test_what_is_sharp_stays_where_it_is():
+    tube = surfaces.capped_tube()
+    mesh = measured(tube, 1e-3).to_mesh(normals=True)
+    ends = np.abs(mesh.vertices[:, 2]) > 0.499
+    np.testing.assert_allclose(np.abs(mesh.vertices[ends, 2]), 0.5, atol=1e-12)
+    rims = {tuple(p) for p in np.round(tube.surface(level=6).vertices, 9).tolist()}
+    across = np.abs(mesh.vertex_normals[:, 2]) < 0.1
+    assert {tuple(p) for p in np.round(mesh.vertices[ends & across], 9).tolist()} <= rims
+
+
+def test_where_faces_disagree_in_orientation_the_vertices_stay_on_the_limit():
+    model = load(ROOT / "spec" / "vectors" / "surface-moebius.cndhf")
+    finest = TriangleQueries(*model.surface(level=5))
+    assert finest.nearest(model.surface().vertices).distance.max() < 1e-12
 
 
 def test_a_single_bump_does_not_divide_everything():
@@ -378,7 +456,7 @@ def test_surfaces_without_faces_and_without_extent():
 
 
 def test_by_default_triangles_are_not_too_many(monkeypatch):
-    monkeypatch.setattr(representation, "DEFAULT_MAX_FACES", 200)
+    monkeypatch.setattr(representation, "MOST_FACES", 200)
     assert len(surfaces.ball().to_mesh().faces) == 128
 
 

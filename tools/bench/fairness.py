@@ -15,7 +15,7 @@ import numpy as np
 from measure import normals_of
 
 import cndhf_codec
-from cndhf_codec.encoder.surface.target import Tree
+from cndhf_codec.encoder.surface.nearest import Tree
 from cndhf_codec.mesh.bodies import piercing
 from cndhf_codec.mesh.prepare import as_given
 from cndhf_codec.mesh.solid import Solid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cndhf_codec.encoder.surface.target import Tree
+from cndhf_codec.encoder.surface.nearest import Tree
 from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import Mesh
 from cndhf_codec.mesh.sampling import draw_faces, face_areas, points_in

@@ -18,9 +18,9 @@ import cndhf_codec
 from cndhf_codec.format import ControlMesh
 from cndhf_codec.format.surface.connectivity import encode_connectivity
 from cndhf_codec.format.surface.marks import encode_marks
-from cndhf_codec.format.surface.positions import code_positions
+from cndhf_codec.format.surface.positions import best_eighths, code_positions, walk_of
 from cndhf_codec.format.surface.range_coder import RangeEncoder
-from cndhf_codec.format.surface.section import HEAD_SIZE, best_eighths
+from cndhf_codec.format.surface.section import HEAD_SIZE
 
 COLUMNS = ("file", "vertices", "sharp edges", "bytes", "connectivity", "marks", "positions", "rest", "draco", "ratio")
 
@@ -34,7 +34,8 @@ def parts_of(mesh: ControlMesh) -> tuple[int, int, int]:
     encode_marks(encoder, mesh.faces, mesh.sharp)
     marks = len(encoder.finish())
     encoder = RangeEncoder()
-    code_positions(encoder, mesh.faces, best_eighths(mesh.faces, mesh.positions), mesh.positions)
+    walk = walk_of(mesh.faces)
+    code_positions(encoder, walk, best_eighths(walk, mesh.positions), mesh.positions)
     return connectivity, marks, len(encoder.finish())
 
 

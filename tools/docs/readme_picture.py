@@ -36,7 +36,7 @@ from matplotlib import pyplot as plt
 @click.option("--size", default=420, help="Pixels along the side of a rendering.")
 def main(target: Path, mesh: Path, file: Path, azimuth: float, elevation: float, up: str, size: int) -> None:
     """Render MESH, its best peer and FILE to TARGET."""
-    given, ours = read_shape(mesh, 384), read_shape(file, 384)
+    given, ours = read_shape(mesh), read_shape(file)
     centre = (given.vertices.min(axis=0) + given.vertices.max(axis=0)) / 2
     scale = np.linalg.norm(given.vertices - centre, axis=1).max()
     diagonal = float(np.linalg.norm(np.ptp(given.vertices, axis=0)))

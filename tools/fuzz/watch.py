@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import atheris
 import measure
 
 
@@ -71,6 +70,8 @@ def run(
     seeds: Sequence[bytes], one_input: Callable[[bytes], None], custom_mutator: Callable[[bytes, int, int], bytes]
 ) -> None:
     """Puts the seeds into the corpus that the command line names, and lets libFuzzer go on from there."""
+    import atheris  # here, for surfaces.py does without
+
     warnings.simplefilter("error")
     corpus = [a for a in sys.argv[1:] if not a.startswith("-")]
     if corpus:

@@ -1,101 +1,105 @@
-// Time to a mesh that can be drawn, against draco3d with its wasm start-up, on a Draco file of equal bytes of the same
-// shape: node bench/draco.mjs FILE.cndhf [RUNS]
+// Time to a mesh that can be drawn, against Draco's decoder with its wasm start-up, on a Draco file of equal bytes of the
+// same shape, in Node.js and in Chromium: node bench/draco.mjs FILE.cndhf [RUNS [CHROMIUM]]
 //
-// Every run is a fresh process, as a page is: it imports the decoder, decodes, and makes positions, normals and index.
+// Every run is a fresh process or a fresh page, in turn: it gets the decoder, from the disk or from a server of this
+// machine, decodes, and makes positions, normals and index. In pages Draco is what DRACOLoader of three.js takes.
 // "Decoded" is how long double height fields take until a graphics card can draw them from their weights.
-// The peer is the shape's mesh, simplified (meshoptimizer) and coded (Draco, 11 bits) to the size of FILE.
+// The peer is the shape's mesh, simplified (meshoptimizer) and coded (Draco, 11 bits) to the size of FILE. It has far fewer
+// triangles, so the times per triangle are printed, too.
 import { execFileSync } from "node:child_process";
-import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
+import { chromium } from "playwright-core";
+import { serve } from "../test/serve.mjs";
+import { draco, ours } from "./decoders.mjs";
 
-const [, script, file, option] = process.argv;
-if (option === "ours" || option === "draco") {
-  const data = new Uint8Array(readFileSync(file));
-  const start = performance.now();
-  const { triangles, decoded } = await (option === "ours" ? ours : draco)(data);
-  const end = performance.now();
-  console.log(JSON.stringify({ milliseconds: end - start, decoded: (decoded ?? end) - start, triangles }));
-} else {
+const [, script, file, option = "15", executablePath = "/usr/bin/chromium"] = process.argv;
+if (option === "ours" || option === "draco") console.log(JSON.stringify(await once(option, new Uint8Array(readFileSync(file)))));
+else {
   const folder = mkdtempSync(join(tmpdir(), "cndhf-"));
   try {
-    const size = readFileSync(file).length;
+    const own = readFileSync(file);
     const peer = join(folder, "peer.drc");
-    writeFileSync(peer, await peerOf(file, size));
-    const times = { ours: [], draco: [], decoded: [] };
-    const triangles = {};
-    for (let run = 0; run < Number(option ?? 15); run++) {
-      for (const [name, path] of [["ours", file], ["draco", peer]]) {
-        const out = JSON.parse(execFileSync(process.execPath, [script, path, name], { encoding: "utf8" }));
-        times[name].push(out.milliseconds);
-        if (name === "ours") times.decoded.push(out.decoded);
-        triangles[name] = out.triangles;
-      }
+    writeFileSync(peer, await peerOf(file, own.length));
+    const files = { ours: file, draco: peer };
+    const sizes = { ours: own.length, draco: readFileSync(peer).length };
+    await compare("Node.js", sizes, (name) =>
+      JSON.parse(execFileSync(process.execPath, [script, files[name], name], { encoding: "utf8" })),
+    );
+    if (existsSync(executablePath)) {
+      const { server, address } = await serve();
+      const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
+      await compare("Chromium", sizes, async (name) => {
+        const context = await browser.newContext();
+        const page = await context.newPage();
+        await page.goto(new URL("bench/empty.html", address).href);
+        const found = await page.evaluate(inPage, [name, [...readFileSync(files[name])]]);
+        await context.close();
+        return found;
+      });
+      await browser.close();
+      server.close();
     }
-    const median = (x) => x.sort((a, b) => a - b)[x.length >> 1];
-    const [a, b, c] = [median(times.ours), median(times.draco), median(times.decoded)];
-    console.log(`cndhf: ${size} bytes, ${triangles.ours} triangles, ${a.toFixed(1)} ms, decoded after ${c.toFixed(1)} ms`);
-    console.log(`draco3d: ${readFileSync(peer).length} bytes, ${triangles.draco} triangles, ${b.toFixed(1)} ms`);
-    console.log(`ratios of medians over draco3d: ${(a / b).toFixed(2)}, decoded ${(c / b).toFixed(2)}`);
   } finally {
     rmSync(folder, { recursive: true });
   }
 }
 
-async function ours(data) {
-  const { decode } = await import("../dist/index.js");
-  const model = await decode(data);
-  const decoded = performance.now();
-  const mesh = await model.toMesh();
-  return { triangles: mesh.index.length / 3, decoded };
-}
-
-async function draco(data) {
-  const require = createRequire(import.meta.url);
-  const module = await require("draco3d").createDecoderModule({});
-  const decoder = new module.Decoder();
-  const mesh = new module.Mesh();
-  const status = decoder.DecodeArrayToMesh(data, data.length, mesh);
-  if (!status.ok()) throw new Error(status.error_msg());
-  const nFaces = mesh.num_faces();
-  const nPoints = mesh.num_points();
-  const attribute = decoder.GetAttributeByUniqueId(mesh, 0);
-  const read = (bytes, fill) => {
-    const at = module._malloc(bytes);
-    fill(at);
-    const out = module.HEAPU8.slice(at, at + bytes).buffer;
-    module._free(at);
-    return out;
-  };
-  const index = new Uint32Array(read(12 * nFaces, (at) => decoder.GetTrianglesUInt32Array(mesh, 12 * nFaces, at)));
-  const positions = new Float32Array(
-    read(12 * nPoints, (at) =>
-      decoder.GetAttributeDataArrayForAllPoints(mesh, attribute, module.DT_FLOAT32, 12 * nPoints, at),
-    ),
+async function compare(where, sizes, run) {
+  const found = { ours: [], draco: [] };
+  for (let k = 0; k < Number(option); k++) {
+    for (const name of ["ours", "draco"]) found[name].push(await run(name));
+  }
+  const median = (name, key) => found[name].map((x) => x[key]).sort((a, b) => a - b)[found[name].length >> 1];
+  const times = { ours: median("ours", "milliseconds"), draco: median("draco", "milliseconds") };
+  const decoded = median("ours", "decoded");
+  for (const name of ["ours", "draco"]) {
+    const n = found[name][0].triangles;
+    const after = name === "ours" ? `, decoded after ${decoded.toFixed(1)} ms` : "";
+    console.log(
+      `${where}, ${name}: ${sizes[name]} bytes, ${n} triangles, ${times[name].toFixed(1)} ms, ` +
+        `${((1000 * times[name]) / n).toFixed(1)} us per triangle${after}`,
+    );
+  }
+  const perTriangle = (times.ours / found.ours[0].triangles) / (times.draco / found.draco[0].triangles);
+  console.log(
+    `${where}, ratios of medians over Draco's: ${(times.ours / times.draco).toFixed(2)}, ` +
+      `per triangle ${perTriangle.toFixed(2)}, decoded ${(decoded / times.draco).toFixed(2)}`,
   );
-  vertexNormals(positions, index);
-  return { triangles: nFaces };
 }
 
-// Sums of the triangles' normals by area, as three.js makes them.
-function vertexNormals(p, index) {
-  const out = new Float32Array(p.length);
-  for (let f = 0; f < index.length; f += 3) {
-    const [a, b, c] = [3 * index[f], 3 * index[f + 1], 3 * index[f + 2]];
-    const [ux, uy, uz] = [p[b] - p[a], p[b + 1] - p[a + 1], p[b + 2] - p[a + 2]];
-    const [vx, vy, vz] = [p[c] - p[a], p[c + 1] - p[a + 1], p[c + 2] - p[a + 2]];
-    for (const v of [a, b, c]) {
-      out[v] += uy * vz - uz * vy;
-      out[v + 1] += uz * vx - ux * vz;
-      out[v + 2] += ux * vy - uy * vx;
-    }
+/** One run in this process. */
+async function once(name, data) {
+  const start = performance.now();
+  const { triangles, decoded } = await (name === "ours"
+    ? ours(await import("../dist/index.js"), data)
+    : draco(await createRequire(import.meta.url)("draco3d").createDecoderModule({}), data));
+  const end = performance.now();
+  return { milliseconds: end - start, decoded: (decoded ?? end) - start, triangles };
+}
+
+/** One run in a page. */
+async function inPage([name, bytes]) {
+  const data = Uint8Array.from(bytes);
+  const { draco, ours } = await import("/web/bench/decoders.mjs");
+  const libraries = "/web/node_modules/three/examples/jsm/libs/draco/";
+  const start = performance.now();
+  let found;
+  if (name === "ours") found = await ours(await import("/web/dist/index.js"), data);
+  else {
+    const wasm = fetch(`${libraries}draco_decoder.wasm`).then((response) => response.arrayBuffer());
+    await new Promise((resolve, reject) => {
+      const tag = Object.assign(document.createElement("script"), { src: `${libraries}draco_wasm_wrapper.js` });
+      tag.onload = resolve;
+      tag.onerror = reject;
+      document.head.append(tag);
+    });
+    found = draco(await DracoDecoderModule({ wasmBinary: await wasm }), data);
   }
-  for (let v = 0; v < out.length; v += 3) {
-    const length = Math.hypot(out[v], out[v + 1], out[v + 2]) || 1;
-    for (let k = 0; k < 3; k++) out[v + k] /= length;
-  }
-  return out;
+  const end = performance.now();
+  return { milliseconds: end - start, decoded: (found.decoded ?? end) - start, triangles: found.triangles };
 }
 
 async function peerOf(path, size) {

@@ -19,6 +19,11 @@ export function placed(
   // float32 has 24 bits: up to here it rounds coordinates by less than a millionth of the shape's size.
   const isFar = centre.some((x) => Math.abs(x) > 8 * scale);
   const positions = new Float32Array(points.length);
-  for (let i = 0; i < points.length; i++) positions[i] = points[i]! * scale + (isFar ? 0 : centre[i % 3]!);
+  const [x, y, z] = isFar ? [0, 0, 0] : centre;
+  for (let i = 0; i < points.length; i += 3) {
+    positions[i] = points[i]! * scale + x;
+    positions[i + 1] = points[i + 1]! * scale + y;
+    positions[i + 2] = points[i + 2]! * scale + z;
+  }
   return { positions, origin: isFar ? centre : [0, 0, 0] };
 }

@@ -13,6 +13,9 @@ export interface Answer {
   error?: { name: string; message: string };
 }
 
+/** A worker could not be started, or broke. */
+export class WorkerError extends Error {}
+
 interface Job {
   resolve(mesh: cndhf.Mesh): void;
   reject(error: Error): void;
@@ -30,7 +33,7 @@ export class MeshWorkers {
     private readonly start = (): Worker => new Worker(new URL("./worker.js", import.meta.url), { type: "module" }),
   ) {}
 
-  /** The mesh of a file. Rejected with the CndhfError that decoding it gives. */
+  /** The mesh of a file. Rejected with the CndhfError that decoding it gives, or with a WorkerError. */
   mesh(bytes: Uint8Array, options: object): Promise<cndhf.Mesh> {
     return new Promise((resolve, reject) => {
       const id = this.count++;
@@ -52,7 +55,12 @@ export class MeshWorkers {
   private least(): number {
     const least = this.busy.indexOf(Math.min(...this.busy));
     if (least >= 0 && (this.busy[least] === 0 || this.workers.length >= this.limit)) return least;
-    const worker = this.start();
+    let worker: Worker;
+    try {
+      worker = this.start();
+    } catch (error) {
+      throw new WorkerError(String(error)); // browsers refuse a script of another origin
+    }
     const k = this.workers.push(worker) - 1;
     this.busy.push(0);
     worker.onmessage = ({ data }: MessageEvent<Answer>) => {
@@ -62,7 +70,7 @@ export class MeshWorkers {
       if (data.mesh) job?.resolve(data.mesh);
       else job?.reject(revived(data.error!));
     };
-    worker.onerror = (event) => this.fail(new Error(event.message || "a worker could not be started"));
+    worker.onerror = (event) => this.fail(new WorkerError(event.message || "a worker could not be started"));
     return k;
   }
 

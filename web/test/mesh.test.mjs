@@ -1,5 +1,6 @@
 // Meshes: closed, outward, on the surface; and the cases that have none.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { decode, SurfaceError } from "../dist/index.js";
 import { bytesOf, vector } from "./files.mjs";
@@ -67,6 +68,24 @@ test("surfaces are closed and face outward", async () => {
       assert.ok(solid({ ...mesh, positions: mesh.positions.map((x, i) => x - model.centre[i % 3]) }).volume > 0);
     }
   }
+});
+
+test("default meshes of surfaces have as many triangles as those of the Python package, and no gaps", async () => {
+  const shapes = JSON.parse(readFileSync(new URL("silhouettes.json", import.meta.url)));
+  for (const [path, { triangles }] of Object.entries(shapes)) {
+    if (triangles === undefined) continue;
+    const model = await decode(bytesOf(path));
+    const mesh = await model.toMesh();
+    assert.equal(mesh.index.length / 3, triangles, path);
+    assert.ok(mesh.index.every((v) => v < mesh.positions.length / 3), path);
+    if (path.endsWith("surface-smooth.cndhf")) assert.ok(solid(mesh).closed);
+  }
+});
+
+test("a default mesh is as much outside as inside", async () => {
+  const model = await decode(bytesOf(vector("surface-smooth")));
+  const [own, exact] = [await model.toMesh(), await model.toMesh({ level: 6 })].map((mesh) => solid(mesh).volume);
+  assert.ok(Math.abs(own / exact - 1) < 2e-4, `${own} of ${exact}`);
 });
 
 test("an empty solid has no mesh", async () => {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ...arguments import length, whole_in
 from ...arrays import F64
 from ...errors import CndhfWarning, OptionError, SurfaceError
 from ...format import Container
+from ..file_error import measured_errors
 from ..limits import Limits
 from ..pieces import without_specks
 from ..queries import TriangleQueries
@@ -26,7 +26,6 @@ DEFAULT_RESOLUTION = 256  # of files without a measured error, and the finest of
 LEAST_RESOLUTION = 128  # by default: a coarser grid loses thin parts
 CELL_OF_MEAN_ERROR = 12.0  # a cell is so many times as long: marching cubes then adds about a hundredth to the error
 TOLERANCE = 0.5  # times the mean error, of the simplification: adds 1 to 4 % to it
-MOST_TOLERANCE = 0.01  # of the diagonal, whatever a file says of its error
 MOST_FACES = 2**20  # that are simplified by default: only files of noise have more
 DEFAULT_MAX_ERROR = "0.02%"  # of an intersection: far less than what the smallest files lose
 # For an error asked for: cells are so many times as long, and no more than this along the longest side.
@@ -34,19 +33,6 @@ CELL_OF_ERROR, FINEST_RESOLUTION = 3.0, 384
 FIRST_TOLERANCE, TRIES = 0.4, 3  # times that error; halved until the mesh that is made keeps to it
 BEYOND = 0.001  # share of the vertices that need not keep to it: for the last few, meshes get twice as many triangles
 PACKAGE = __name__.split(".")[0] + "."
-
-
-class Errors(NamedTuple):
-    """Measured errors of the file, in normalised units; mean and p99."""
-
-    mean: float
-    p99: float
-
-
-def measured_errors(container: Container) -> Errors | None:
-    """None where the file has none; zeros stand for none, too."""
-    mean, p99 = container.metadata.mean_error, container.metadata.p99_error
-    return Errors(mean / container.scale, p99 / container.scale) if mean and p99 else None
 
 
 class Meshes:
@@ -85,7 +71,7 @@ class Meshes:
             return _within(found, error)
         if chosen or whole or self._errors is None or len(found.faces) > MOST_FACES:
             return found
-        return simplified(found, min(TOLERANCE * self._errors.mean, MOST_TOLERANCE * _diagonal(found)))
+        return simplified(found, self._errors.tolerance(TOLERANCE, _diagonal(found)))
 
     def whole(self, resolution: int, limits: Limits) -> TriangleMesh:
         """The surface by marching cubes, not simplified; or, where walls are thinner than a cell of the default

@@ -35,6 +35,11 @@ class Level:
         """(V + E, 3) the vertices of the next level."""
         return step_weights(self.topology).apply(self.vertices)
 
+    @cached_property
+    def distances(self) -> Distances:
+        """How far its triangles are from the limit surface."""
+        return distances_from_limit(self)
+
 
 def next_level(level: Level) -> Level:
     """One step more."""

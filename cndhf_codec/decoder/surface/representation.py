@@ -1,38 +1,44 @@
 """The representation `surface`: the limit of a control mesh, as `Model` asks for it.
 
-Meshes have whole levels of subdivision, with all vertices on the limit surface, or are simplified from one to a number
-of triangles. Queries are answered from a whole level.
+A mesh is a level of subdivision, with all vertices on the limit surface; the default mesh, which answers queries, has
+triangles of several levels (adaptive.py). To a number of triangles, either is simplified.
 """
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from ...arguments import length, whole_in
 from ...arrays import F32, F64, I64, Mask
 from ...errors import OptionError, SheetError, SurfaceError
-from ...format import ControlMesh
+from ...format import Container
+from ..file_error import measured_errors
 from ..limits import MIN_RESOLUTION, Limits
 from ..pieces import piece_labels
 from ..queries import TriangleQueries
 from ..representation import Detail
 from ..results import NearestPoints, OccupancyGrid, RayHits, ShadedMesh, TriangleMesh
 from ..simplify import LEAST_FACES, with_faces
-from .levels import MAX_LEVEL, Level, distances_from_limit, next_level, size_at
+from .adaptive import adaptive_corners, balanced
+from .levels import MAX_LEVEL, Distances, Level, next_level, size_at
 from .normals import limit_normals, sectors_of, with_normals
 from .subdivision import Topology, topology_of
 
-# Of the diagonal. The default level keeps to it but for 1 % of the edges. Where many faces meet, and where the surface
-# bends most, triangles are ten times as far off as on average: for these few all would be divided once more.
-DEFAULT_MAX_ERROR = "0.02%"
-DEFAULT_BEYOND = 0.01
-# The most triangles of a mesh whose level was not asked for: 4 seconds and 250 MB of tables for queries. Only a file of
-# 16 kB has so many at a level that is not fine enough, and there they are small.
-DEFAULT_MAX_FACES = 2**19
+# Evidence for these constants: ADR 038.
+TOLERANCE = 0.5  # times the file's mean error: how far an edge of a default mesh may be from the surface
+UNKNOWN_ERROR = "0.02%"  # of the diagonal: in its place where the file says nothing of its error
+# So many edges of the finest level need not keep to it: where many faces meet, and where the surface bends most, they
+# are ten times as far off as on average.
+BEYOND = 0.1
+SPARE = 2 / 3  # where a tolerance is to be kept everywhere, an estimate of the error has to be so much of it
+# The most triangles of the finest level of a default mesh, and so of the mesh: 2 seconds. Only a file of 16 kB has so
+# many at a level that is not fine enough, and there they are small.
+MOST_FACES = 2**19
 ON_SURFACE = 1e-9  # normalised units: nearer, the direction from the nearest point is rounding
 
 
@@ -42,9 +48,10 @@ class SurfaceRepresentation:
     kind: Final = "surface"
     points_at_once = 2**17
 
-    def __init__(self, control: ControlMesh, scale: float) -> None:
-        self._control = control
-        self._scale = scale
+    def __init__(self, container: Container) -> None:
+        assert container.surface is not None
+        self._control, self._scale = container.surface, container.scale
+        self._errors = measured_errors(container)
         self._mesh: _QueriedMesh | None = None
         self._lock = threading.Lock()
 
@@ -114,15 +121,14 @@ class SurfaceRepresentation:
         return self._queried().queries.ray_intersect(origins, directions)
 
     def mesh(self, detail: Detail, limits: Limits) -> TriangleMesh:
-        level = self._level(detail, limits)
-        return _reduced(level, detail.faces)
+        return _reduced(self._chosen(detail, limits), detail.faces)
 
     def shaded_mesh(self, detail: Detail, limits: Limits) -> ShadedMesh:
-        level = self._level(detail, limits)
-        mesh = _reduced(level, detail.faces)
-        if len(mesh.faces) == len(level.topology.faces):
-            return _shaded(level)
-        return with_normals(mesh, _QueriedMesh(_shaded(level)).normals_at_nearest)
+        chosen = self._chosen(detail, limits)
+        mesh = _reduced(chosen, detail.faces)
+        if len(mesh.faces) == len(chosen.corners):
+            return chosen.shaded()
+        return with_normals(mesh, _QueriedMesh(chosen.shaded()).normals_at_nearest)
 
     def occupancy(self, resolution: int, limits: Limits) -> OccupancyGrid:
         resolution = whole_in(resolution, "resolution", MIN_RESOLUTION, limits.resolution)
@@ -159,11 +165,11 @@ class SurfaceRepresentation:
     def _queried(self) -> _QueriedMesh:
         with self._lock:  # the first thread makes it, others wait
             if self._mesh is None:
-                self._mesh = _QueriedMesh(_shaded(self._fine_enough(None, Limits())))
+                self._mesh = _QueriedMesh(self._default(Limits()).shaded())
             return self._mesh
 
-    def _level(self, detail: Detail, limits: Limits) -> Level:
-        """The level of subdivision that was asked for. Raises OptionError or SurfaceError."""
+    def _chosen(self, detail: Detail, limits: Limits) -> _Chosen:
+        """The mesh that was asked for, before it is simplified. Raises OptionError or SurfaceError."""
         if detail.resolution is not None or detail.method is not None or detail.specks:
             raise OptionError(
                 "resolution, method and specks belong to double height fields; this file holds a surface: give level, "
@@ -173,13 +179,21 @@ class SurfaceRepresentation:
         if len(given) > 1:
             raise OptionError("give one of level, max_error and faces")
         if detail.level is not None:
-            return self._at(whole_in(detail.level, "level", 0, MAX_LEVEL), limits)
+            return _Chosen.whole(self._at(whole_in(detail.level, "level", 0, MAX_LEVEL), limits))
         if detail.faces is not None:
             most, own = whole_in(detail.faces, "faces", LEAST_FACES), len(self._control.faces)
+            # The default mesh has triangles where they are needed. But rims are kept, and it may have them finer than
+            # `faces` allows.
+            if self.closed and self.oriented and all(own * 4**k != most for k in range(MAX_LEVEL)):
+                default = self._default(limits)
+                if len(default.corners) > most:
+                    return default
             # From twice as many triangles and more, there is a choice of what to leave out.
             enough = (k for k in range(MAX_LEVEL) if own * 4**k == most or own * 4**k >= 2 * most)
-            return self._at(next(enough, MAX_LEVEL), limits)
-        return self._fine_enough(detail.max_error, limits)
+            return _Chosen.whole(self._at(next(enough, MAX_LEVEL), limits))
+        if detail.max_error is not None:
+            return _Chosen.whole(self._within(detail.max_error, limits))
+        return self._default(limits)
 
     def _at(self, number: int, limits: Limits) -> Level:
         if not len(self._control.faces):
@@ -195,34 +209,87 @@ class SurfaceRepresentation:
             level = next_level(level)
         return level
 
-    def _fine_enough(self, max_error: float | str | None, limits: Limits) -> Level:
-        """The first level within an error.
-
-        By default, that within `DEFAULT_MAX_ERROR` but for `DEFAULT_BEYOND` of the edges, or the finest one below
-        `DEFAULT_MAX_FACES`, if none is.
-        """
+    def _within(self, max_error: float | str, limits: Limits) -> Level:
+        """The first level that is within an error everywhere."""
         level = self._at(0, limits)
-        diagonal = float(np.linalg.norm(np.ptp(level.limit, axis=0)))
-        tolerance = length(DEFAULT_MAX_ERROR if max_error is None else max_error, diagonal, self._scale)
-        error = _error(level, max_error)
-        ratio = 1.0
-        while error > tolerance:
-            vertices, faces = size_at(self.topology, level.number + 1)
-            if max_error is None and (level.number == MAX_LEVEL or faces > DEFAULT_MAX_FACES):
-                break
-            if level.number == MAX_LEVEL or vertices > limits.vertices:
-                raise SurfaceError(
-                    f"level {level.number}, the finest one that is allowed, is off by {error * self._scale:.3g}: raise "
-                    "max_error, or ask for a level"
-                )
+        tolerance = length(max_error, _diagonal(level), self._scale)
+        levels, error = self._refined(level, tolerance, lambda distances: distances.greatest, SPARE, MAX_LEVEL, limits)
+        if error > tolerance:
+            raise self._too_coarse(levels[-1], error)
+        return levels[-1]
+
+    def _default(self, limits: Limits) -> _Chosen:
+        """The mesh whose triangles are as near to the surface as the file's error asks for."""
+        level = self._at(0, limits)
+        diagonal = _diagonal(level)
+        if self._errors is None:
+            tolerance = length(UNKNOWN_ERROR, diagonal, self._scale)
+        else:
+            tolerance = self._errors.tolerance(TOLERANCE, diagonal)
+        few = (k for k in range(MAX_LEVEL, 0, -1) if len(level.topology.faces) * 4**k <= MOST_FACES)
+        levels, _ = self._refined(level, tolerance, _most_edges, 1.0, next(few, 0), limits)
+        corners = adaptive_corners(levels, tolerance)
+        # Where orientation changes, there is no outward.
+        return _Chosen(levels[-1], corners, balanced(levels[-1], corners) if self.oriented else levels[-1].limit)
+
+    def _refined(
+        self,
+        level: Level,
+        tolerance: float,
+        measure: Callable[[Distances], float],
+        believed: float,
+        finest: int,
+        limits: Limits,
+    ) -> tuple[list[Level], float]:
+        """Levels from this one on: to the first whose measure is within a tolerance, or to the finest; and the measure
+        of the last, or an estimate of it."""
+        levels, error, ratio = [level], measure(level.distances), 1.0
+        while error > tolerance and level.number < finest:
+            if size_at(self.topology, level.number + 1)[0] > limits.vertices:
+                raise self._too_coarse(level, error)
             level = next_level(level)
+            levels.append(level)
             # A step divides the error by four in the end. To measure it takes longer than to make the level, so when
-            # it will do even if it goes on as in the step before, with a third to spare, that is believed.
-            if max(ratio, 1 / 4) * error < tolerance * 2 / 3:
-                break
-            before, error = error, _error(level, max_error)
+            # it will do even if it goes on as in the step before, and `believed` of the tolerance is enough, it is.
+            estimate = max(ratio, 1 / 4) * error
+            if estimate < believed * tolerance:
+                return levels, estimate
+            before, error = error, measure(level.distances)
             ratio = error / before
-        return level
+        return levels, error
+
+    def _too_coarse(self, level: Level, error: float) -> SurfaceError:
+        return SurfaceError(
+            f"level {level.number}, the finest one that is allowed, is off by {error * self._scale:.3g}: raise "
+            "max_error, or ask for a level"
+        )
+
+
+class _Chosen(NamedTuple):
+    """A mesh: the corners (M, 3) of its triangles are corners of a level's faces, 3 f + k corner k of face f; vertices
+    (V, 3) has their places."""
+
+    level: Level
+    corners: I64
+    vertices: F64
+
+    @classmethod
+    def whole(cls, level: Level) -> _Chosen:
+        """All of a level."""
+        return cls(level, np.arange(level.topology.faces.size).reshape(-1, 3), level.limit)
+
+    def plain(self) -> TriangleMesh:
+        """A vertex per place."""
+        used, faces = _numbered(self.level.topology.faces, self.corners)
+        return TriangleMesh(self.vertices[used], faces)
+
+    def shaded(self) -> ShadedMesh:
+        """With normals and a vertex per sector, which keeps creases sharp."""
+        level = self.level
+        sectors = sectors_of(level.topology)
+        normals = limit_normals(level.topology, level.vertices, level.limit, sectors)
+        used, faces = _numbered(sectors.corners, self.corners)
+        return ShadedMesh(self.vertices[sectors.vertices[used]], faces, normals[used])
 
 
 class _QueriedMesh:
@@ -254,20 +321,25 @@ class _QueriedMesh:
         return np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
 
 
-def _reduced(level: Level, faces: int | None) -> TriangleMesh:
-    """The mesh of a level, simplified to so many triangles. Raises OptionError where topology asks for more."""
-    mesh = TriangleMesh(level.limit, level.topology.faces)
+def _reduced(chosen: _Chosen, faces: int | None) -> TriangleMesh:
+    """The mesh, simplified to so many triangles. Raises OptionError where topology asks for more."""
+    mesh = chosen.plain()
     return mesh if faces is None or len(mesh.faces) <= faces else with_faces(mesh, faces)
 
 
-def _error(level: Level, max_error: float | str | None) -> float:
-    """The distance to keep to an error: the greatest, or by default that of all edges but `DEFAULT_BEYOND`."""
-    found = distances_from_limit(level)
-    return found.greatest if max_error is not None else float(np.quantile(found.edges, 1 - DEFAULT_BEYOND))
+def _numbered(of_corners: I64, corners: I64) -> tuple[I64, I64]:
+    """The numbers that corners (M, 3) have in `of_corners` (F, 3): which occur, rising, and the place of each there."""
+    found = of_corners.ravel()[corners]
+    used = np.zeros(of_corners.max() + 1, dtype=bool)
+    used[found] = True
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[found]
 
 
-def _shaded(level: Level) -> ShadedMesh:
-    """The mesh with a vertex per sector, which keeps creases sharp."""
-    sectors = sectors_of(level.topology)
-    normals = limit_normals(level.topology, level.vertices, level.limit, sectors)
-    return ShadedMesh(level.limit[sectors.vertices], sectors.corners, normals)
+def _most_edges(distances: Distances) -> float:
+    """The distance that all edges but `BEYOND` keep to."""
+    place = int((1 - BEYOND) * (len(distances.edges) - 1))
+    return float(np.partition(distances.edges, place)[place])
+
+
+def _diagonal(level: Level) -> float:
+    return float(np.linalg.norm(np.ptp(level.limit, axis=0)))

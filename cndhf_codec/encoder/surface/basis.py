@@ -9,14 +9,15 @@ one sparse matrix.
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import numba as nb
 import numpy as np
 import scipy.sparse as sp
 
 from ...arrays import F64, I32, I64
 from ...decoder.surface.subdivision import Weights, limit_positions, subdivide, topology_of
+from .nearest import Tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,7 @@ class Basis:
     slots: I32
     indptr: I32
     indices: I32
+    _order: list[I64] = field(default_factory=list)
 
     @property
     def n_faces(self) -> int:
@@ -48,6 +50,13 @@ class Basis:
     def surface(self, control: F64) -> F64:
         """(N, 3) the points, for control vertices (V, 3)."""
         return np.asarray(self.matrix @ control)
+
+    def tree(self, surface: F64) -> Tree:
+        """The tessellation with points (N, 3), ready for nearest points. Its faces keep the order in the tree that they
+        get at first: a fit moves them by little."""
+        tree = Tree(surface, self.fine, *self._order)
+        self._order[:] = [tree.order]
+        return tree
 
 
 def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
@@ -64,30 +73,81 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     matrix = _sparse(last.vertices, mesh.n_vertices) @ matrix
     matrix = sp.csr_matrix(_sparse(limit_positions(last.topology), last.topology.n_vertices) @ matrix)
     matrix.sort_indices()
-    corners = sp.csr_matrix(
-        (np.ones(6 * len(owner)), (np.repeat(owner, 6), nodes.ravel())), shape=(len(faces), matrix.shape[0])
-    )
-    # abs: weights may be negative, and must not cancel here.
-    touched = sp.csr_matrix(corners @ abs(matrix))
-    touched.sort_indices()
-    ptr, support = touched.indptr.astype(np.int64), touched.indices.astype(np.int64)
-    counts = np.diff(ptr)
-    row = np.repeat(support, np.repeat(counts, counts))
-    column = np.concatenate([np.tile(support[a:b], b - a) for a, b in itertools.pairwise(ptr)])
-    keys, slots = np.unique(row * n_vertices + column, return_inverse=True)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(keys // n_vertices, minlength=n_vertices))])
-    return Basis(
-        n_vertices,
-        matrix,
-        fine,
-        nodes,
-        owner,
-        ptr,
-        support,
-        slots.astype(np.int32).ravel(),
-        indptr.astype(np.int32),
-        (keys % n_vertices).astype(np.int32),
-    )
+    ptr, support = _supports(matrix.indptr, matrix.indices, nodes, owner, len(faces), n_vertices)
+    at = np.argsort(support, kind="stable")
+    faces_at = np.repeat(np.arange(len(faces)), np.diff(ptr))[at]
+    first = np.concatenate([[0], np.cumsum(np.bincount(support, minlength=n_vertices))])
+    slots, indptr, indices = _pattern(ptr, support, first, faces_at)
+    return Basis(n_vertices, matrix, fine, nodes, owner, ptr, support, slots, indptr, indices)
+
+
+@nb.njit(cache=True)
+def _supports(indptr: I32, indices: I32, nodes: I64, owner: I64, n_faces: int, n_vertices: int) -> tuple[I64, I64]:
+    """ptr and support of a `Basis`, from the rows of its matrix."""
+    count = np.zeros(n_faces + 1, dtype=np.int64)
+    for f in owner:
+        count[f + 1] += 1
+    first = np.cumsum(count)
+    order, filled = np.empty(len(owner), dtype=np.int64), first.copy()
+    for t in range(len(owner)):
+        order[filled[owner[t]]] = t
+        filled[owner[t]] += 1
+    ptr = np.zeros(n_faces + 1, dtype=np.int64)
+    support = np.empty(32 * n_faces, dtype=np.int64)
+    seen, seen_node = np.full(n_vertices, -1), np.full(len(indptr) - 1, -1)
+    n = 0
+    for f in range(n_faces):
+        for i in range(first[f], first[f + 1]):
+            for c in range(6):
+                node = nodes[order[i], c]
+                if seen_node[node] == f:
+                    continue
+                seen_node[node] = f
+                for p in range(indptr[node], indptr[node + 1]):
+                    v = indices[p]
+                    if seen[v] != f:
+                        seen[v] = f
+                        if n == len(support):
+                            support = np.concatenate((support, np.empty_like(support)))
+                        support[n] = v
+                        n += 1
+        support[ptr[f] : n].sort()
+        ptr[f + 1] = n
+    return ptr, support[:n].copy()
+
+
+@nb.njit(cache=True)
+def _pattern(ptr: I64, support: I64, first: I64, faces_at: I64) -> tuple[I32, I32, I32]:
+    """slots, indptr and indices of a `Basis`. faces_at: those whose support has vertex v are faces_at[first[v] :
+    first[v + 1]]."""
+    n_vertices = len(first) - 1
+    start = np.zeros(len(ptr), dtype=np.int64)
+    for f in range(len(ptr) - 1):
+        start[f + 1] = start[f] + (ptr[f + 1] - ptr[f]) ** 2
+    slots = np.empty(start[-1], dtype=np.int32)
+    indptr = np.zeros(n_vertices + 1, dtype=np.int32)
+    indices = np.empty(start[-1], dtype=np.int32)  # no row is longer than all its blocks
+    seen, place = np.full(n_vertices, -1), np.empty(n_vertices, dtype=np.int32)
+    n = 0
+    for v in range(n_vertices):
+        begin = n
+        for i in range(first[v], first[v + 1]):
+            for w in support[ptr[faces_at[i]] : ptr[faces_at[i] + 1]]:
+                if seen[w] != v:
+                    seen[w] = v
+                    indices[n] = w
+                    n += 1
+        indices[begin:n].sort()
+        for k in range(begin, n):
+            place[indices[k]] = k
+        for i in range(first[v], first[v + 1]):
+            f = faces_at[i]
+            m = ptr[f + 1] - ptr[f]
+            j = np.searchsorted(support[ptr[f] : ptr[f + 1]], v)
+            for k in range(m):
+                slots[start[f] + j * m + k] = place[support[ptr[f] + k]]
+        indptr[v + 1] = n
+    return slots, indptr, indices[:n].copy()
 
 
 def _sparse(weights: Weights, columns: int) -> sp.csr_matrix:

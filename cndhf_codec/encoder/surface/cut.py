@@ -1,7 +1,7 @@
 """Cut a mesh into a two-manifold: at edges of three faces and more, and at vertices where several fans meet.
 
 The surface stays where it is; vertices are doubled. Around an edge of four faces and more, those that bound the same
-piece of inside are kept together, so that a closed surface stays closed.
+piece of inside are kept together. A closed surface stays closed: the holes that are left get fans.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import F64, I64, Mask
-from ...mesh.connectivity import connected
+from ...mesh.connectivity import connected, edges_of
+from ...mesh.holes import without_holes
 from ...mesh.repair import repair
 from ...mesh.sampling import face_areas
 
@@ -30,6 +31,7 @@ def cut(vertices: F64, faces: I64) -> Manifold:
     """
     if len(faces) == 0:
         return Manifold(vertices[:0], faces)
+    closed = not edges_of(faces, len(vertices)).net.any()
     faces = repair(faces, face_areas(vertices, faces), len(vertices)).faces
     # Half edge 3 f + k goes from corner k of face f to corner k + 1.
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
@@ -49,6 +51,10 @@ def cut(vertices: F64, faces: I64) -> Manifold:
         apart |= crowded
     out = np.empty((new.max() + 1, 3))
     out[new.ravel()] = vertices[faces.ravel()]
+    edges = edges_of(new, len(out))
+    if closed and ((edges.count == 1) == (edges.net != 0)).all():
+        # What was left out, and edges that were opened, leave small holes.
+        return Manifold(*without_holes(out, new))
     return Manifold(out, new)
 
 

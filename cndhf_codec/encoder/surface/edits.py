@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from ...arrays import F64, I64, Mask
 from ...decoder.surface.normals import unit
 from ...decoder.surface.subdivision import Topology, topology_of
-from ..deadline import Deadline
+from ..deadline import Deadline, Pace
 from .basis import Basis, basis_of
 from .creases import Fitted
 from .cut import Manifold
@@ -98,11 +98,13 @@ def edited(
     editor = _Editor(target, levels, bits)
     kinds: list[_Kind] = [_Collapses(), _Splits(), *[_Flips() for _ in range(FLIPS)]]
     error = float(now.errors.sum())
+    pace, time_left = Pace(deadline), deadline.passed() < 1
     for k in range(cycles):
         for kind in kinds:
-            if deadline.passed() >= 1:
+            if not time_left:
                 break
             now = editor.batch(now, kind)
+            time_left = pace.done()
         before, error = error, float(now.errors.sum())
         on_cycle(k + 1, error)
         if error > (1 - LEAST_GAIN) * before:

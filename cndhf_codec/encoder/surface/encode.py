@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from ...arrays import F64, I64
 from ...errors import EncodeError
-from ...format import ControlMesh
 from ..deadline import Deadline
 from ..progress import Stage
 from .cut import cut
 from .settings import SurfaceSettings
 from .target import Target
-from .to_size import surface_of_size
+from .to_size import Sized, surface_of_size
 
 LEAST_SECTION = 40  # bytes: a tetrahedron takes about so many
 
@@ -23,7 +22,7 @@ def encode_surface(
     seed: int,
     stage: Stage,
     deadline: Deadline,
-) -> ControlMesh:
+) -> Sized:
     """Encode a mesh as it is given: with inner parts, all components, open where it is open.
 
     vertices: (N, 3) normalised. faces: (M, 3), none of zero area. other_bytes: of the file, besides its section.
@@ -40,4 +39,4 @@ def encode_surface(
             f"a surface of {settings.target_size} bytes was not reached: the smallest has "
             f"{len(sized.body) + other_bytes}; use a larger size"
         )
-    return sized.mesh
+    return sized

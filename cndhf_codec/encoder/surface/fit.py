@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from ...arrays import F64, I32, I64
 from ...mesh.sampling import face_areas
 from .basis import Basis
-from .target import Closest, Target, Tree
+from .target import Target
 
 # Evidence for these constants: ADR 036.
 # Distances below this share of the mean weigh no more than those at it: the weight 1 / distance has no bound.
@@ -88,14 +88,12 @@ def linearised(basis: Basis, target: Target, control: F64, even: bool = False) -
         blocks,
         sides,
     )
-    data = np.zeros((len(basis.indices), 9))
-    flat = blocks.reshape(-1, 9)
-    for k in range(9):
-        data[:, k] = np.bincount(basis.slots, flat[:, k], len(basis.indices))
-    side = np.column_stack([np.bincount(basis.support, sides[:, k], basis.n_vertices) for k in range(3)])
+    data, side = np.zeros((len(basis.indices), 3, 3)), np.zeros((basis.n_vertices, 3))
+    _scatter(basis.slots, blocks, data)
+    _scatter(basis.support, sides, side)
     n = 3 * basis.n_vertices
-    matrix = sp.bsr_matrix((data.reshape(-1, 3, 3), basis.indices, basis.indptr), shape=(n, n))
-    return Normal(matrix, side.ravel().astype(np.float64), pairs.mean, float(np.median(pairs.distances)))
+    matrix = sp.bsr_matrix((data, basis.indices, basis.indptr), shape=(n, n))
+    return Normal(matrix, side.ravel(), pairs.mean, float(np.median(pairs.distances)))
 
 
 def mean_errors(basis: Basis, target: Target, control: F64) -> F64:
@@ -126,27 +124,18 @@ def solved(matrix: sp.bsr_matrix, side: F64, damping: float) -> F64:
 def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
     surface = basis.surface(control)
     drawn, places = _evenly(surface, basis.fine, len(target.samples))
-    mine = _shapes(places)
-    ours = _weighted(mine, surface[basis.nodes[drawn]])
+    mine, ours = _points_at(surface, basis.nodes, drawn, places)
     there = target.closest(ours)
-    near = Tree(surface, basis.fine).closest(target.samples)
-    nodes = surface[basis.nodes[near.faces]]
-    theirs = _shapes(_nearer(nodes, _barycentric(near.points, nodes[:, :3]), target.samples))
-    points = _weighted(theirs, nodes)
-    here = Closest(np.linalg.norm(points - target.samples, axis=1), near.faces, points)
-    mean = float(there.distances.mean() + here.distances.mean()) / 2
-    distances = np.concatenate([there.distances, here.distances])
-    counts = np.repeat([len(drawn), len(target.samples)], [len(drawn), len(target.samples)])
-    shares = 0.5 / counts
-    weights = shares / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
+    near = basis.tree(surface).closest(target.samples)
+    theirs, here = _points_near(surface, basis.nodes, near.faces, near.points, target.samples)
     normals = np.concatenate([target.face_normals[there.faces], target.normals])
-    offsets = np.concatenate([there.points - ours, target.samples - here.points])
-    gaps = np.sum(offsets * normals, axis=1)
-    # Off the edge of a sheet or a crease the nearest way is not along the normal.
-    oblique = (np.abs(gaps) < OBLIQUE * distances) & (distances > 1e-9)
-    normals[oblique] = offsets[oblique] / distances[oblique, None]
-    gaps[oblique] = distances[oblique]
-    faces = np.concatenate([drawn, here.faces])
+    offsets = np.concatenate([there.points - ours, target.samples - here])
+    gaps, distances = _gaps(normals, offsets)
+    n = len(drawn)
+    mean = float(distances[:n].mean() + distances[n:].mean()) / 2
+    shares = np.repeat([0.5 / n, 0.5 / (len(distances) - n)], [n, len(distances) - n])
+    weights = shares / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
+    faces = np.concatenate([drawn, near.faces])
     return Pairs(faces, np.concatenate([mine, theirs]), normals, gaps, distances, shares, weights, mean)
 
 
@@ -165,44 +154,99 @@ def _evenly(surface: F64, fine: I64, count: int) -> tuple[I64, F64]:
     return faces, np.column_stack([1 - root, root * (1 - other), root * other])
 
 
-def _shapes(places: F64) -> F64:
-    """(K, 6) weights of a patch's nodes at barycentric places (K, 3): quadratic Lagrange polynomials."""
-    a, b, c = places.T
-    return np.column_stack([a * (2 * a - 1), b * (2 * b - 1), c * (2 * c - 1), 4 * a * b, 4 * b * c, 4 * c * a])
+@nb.njit(cache=True)
+def _shape(a: float, b: float, c: float) -> tuple[float, float, float, float, float, float]:
+    """Weights of a patch's nodes at barycentric coordinates: quadratic Lagrange polynomials."""
+    return a * (2 * a - 1), b * (2 * b - 1), c * (2 * c - 1), 4 * a * b, 4 * b * c, 4 * c * a
 
 
-def _nearer(corners: F64, places: F64, samples: F64) -> F64:
-    """Move places (K, 3) in patches of nodes (K, 6, 3) nearer to samples (K, 3), by a step of Gauss and Newton."""
-    a, b, c = places.T
-    none = np.zeros_like(a)
-    # Derivatives of `_shapes` by b and by c, where a = 1 - b - c.
-    by_b = np.column_stack([1 - 4 * a, 4 * b - 1, none, 4 * (a - b), 4 * c, -4 * c])
-    by_c = np.column_stack([1 - 4 * a, none, 4 * c - 1, -4 * b, 4 * b, 4 * (a - c)])
-    u, v = _weighted(by_b, corners), _weighted(by_c, corners)
-    w = samples - _weighted(_shapes(places), corners)
-    uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
-    uw, vw = (u * w).sum(1), (v * w).sum(1)
-    area = np.maximum(uu * vv - uv * uv, 1e-300)
-    b = np.clip(b + (vv * uw - uv * vw) / area, 0, 1)
-    c = np.clip(c + (uu * vw - uv * uw) / area, 0, 1)
-    total = np.maximum(b + c, 1)
-    return np.column_stack([1 - (b + c) / total, b / total, c / total])
+@nb.njit(cache=True, parallel=True)
+def _points_at(surface: F64, nodes: I64, faces: I64, places: F64) -> tuple[F64, F64]:
+    """Points at barycentric places (K, 3) in the patches of faces (K,): (K, 6) weights of the nodes, (K, 3) points."""
+    shapes, points = np.empty((len(faces), 6)), np.zeros((len(faces), 3))
+    for i in nb.prange(len(faces)):
+        shape = _shape(places[i, 0], places[i, 1], places[i, 2])
+        for n in range(6):
+            shapes[i, n] = shape[n]
+            for k in range(3):
+                points[i, k] += shape[n] * surface[nodes[faces[i], n], k]
+    return shapes, points
 
 
-def _weighted(shapes: F64, nodes: F64) -> F64:
-    """(K, 3) sums of nodes (K, 6, 3) with weights (K, 6)."""
-    return np.asarray(np.einsum("kn,knx->kx", shapes, nodes))
+@nb.njit(cache=True, parallel=True)
+def _points_near(surface: F64, nodes: I64, faces: I64, nearest: F64, samples: F64) -> tuple[F64, F64]:
+    """Points of patches near samples (K, 3), as in `_points_at`. nearest: (K, 3) the points of the flat faces (K,) that
+    are nearest; in the curved patches, a step of Gauss and Newton goes on from there."""
+    shapes, points = np.empty((len(faces), 6)), np.zeros((len(faces), 3))
+    for i in nb.prange(len(faces)):
+        at = nodes[faces[i]]
+        plane, curve = _Squares(0.0, 0.0, 0.0, 0.0, 0.0), _Squares(0.0, 0.0, 0.0, 0.0, 0.0)
+        for k in range(3):
+            first = surface[at[0], k]
+            plane = _added(plane, surface[at[1], k] - first, surface[at[2], k] - first, nearest[i, k] - first)
+        b, c = _least(plane)
+        b, c = min(max(b, 0.0), 1.0), min(max(c, 0.0), 1.0)
+        a = 1 - b - c
+        shape = _shape(a, b, c)
+        # Derivatives of `_shape` by b and by c, where a = 1 - b - c.
+        by_b = (1 - 4 * a, 4 * b - 1, 0.0, 4 * (a - b), 4 * c, -4 * c)
+        by_c = (1 - 4 * a, 0.0, 4 * c - 1, -4 * b, 4 * b, 4 * (a - c))
+        for k in range(3):
+            u, v, w = 0.0, 0.0, samples[i, k]
+            for n in range(6):
+                x = surface[at[n], k]
+                u += by_b[n] * x
+                v += by_c[n] * x
+                w -= shape[n] * x
+            curve = _added(curve, u, v, w)
+        db, dc = _least(curve)
+        b, c = min(max(b + db, 0.0), 1.0), min(max(c + dc, 0.0), 1.0)
+        total = max(b + c, 1.0)
+        shape = _shape(1 - (b + c) / total, b / total, c / total)
+        for n in range(6):
+            shapes[i, n] = shape[n]
+            for k in range(3):
+                points[i, k] += shape[n] * surface[at[n], k]
+    return shapes, points
 
 
-def _barycentric(points: F64, corners: F64) -> F64:
-    """(N, 3) barycentric coordinates of points (N, 3) in triangles (N, 3, 3)."""
-    a = corners[:, 0]
-    u, v, w = corners[:, 1] - a, corners[:, 2] - a, points - a
-    uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
-    wu, wv = (w * u).sum(1), (w * v).sum(1)
-    area = np.maximum(uu * vv - uv * uv, 1e-300)
-    s, t = np.clip((vv * wu - uv * wv) / area, 0, 1), np.clip((uu * wv - uv * wu) / area, 0, 1)
-    return np.column_stack([1 - s - t, s, t])
+class _Squares(NamedTuple):
+    """Scalar products of three vectors u, v and w."""
+
+    uu: float
+    uv: float
+    vv: float
+    uw: float
+    vw: float
+
+
+@nb.njit(cache=True)
+def _added(s: _Squares, u: float, v: float, w: float) -> _Squares:
+    """The products with one coordinate more."""
+    return _Squares(s.uu + u * u, s.uv + u * v, s.vv + v * v, s.uw + u * w, s.vw + v * w)
+
+
+@nb.njit(cache=True)
+def _least(s: _Squares) -> tuple[float, float]:
+    """b and c with which b u + c v is nearest to w."""
+    area = max(s.uu * s.vv - s.uv * s.uv, 1e-300)
+    return (s.vv * s.uw - s.uv * s.vw) / area, (s.uu * s.vw - s.uv * s.uw) / area
+
+
+@nb.njit(cache=True, parallel=True)
+def _gaps(normals: F64, offsets: F64) -> tuple[F64, F64]:
+    """(K,) signed distances along normals (K, 3), and distances, of offsets (K, 3). Where the nearest way is not along
+    the normal, off the edge of a sheet or a crease, the normal becomes the offset's direction."""
+    gaps, distances = np.empty(len(normals)), np.empty(len(normals))
+    for i in nb.prange(len(normals)):
+        x, y, z = offsets[i, 0], offsets[i, 1], offsets[i, 2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        gap = x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2]
+        if distance > 1e-9 and np.abs(gap) < OBLIQUE * distance:
+            gap = distance
+            normals[i, 0], normals[i, 1], normals[i, 2] = x / distance, y / distance, z / distance
+        gaps[i], distances[i] = gap, distance
+    return gaps, distances
 
 
 class _Rows(NamedTuple):
@@ -233,6 +277,8 @@ def _add_up(
     for f in nb.prange(len(ptr) - 1):
         m = ptr[f + 1] - ptr[f]
         row = np.zeros(m)
+        # The six different products of a normal's coordinates, each for all pairs: such rows are added fast.
+        sums = np.zeros((6, m, m))
         for i in range(samples.first[f], samples.first[f + 1]):
             s = samples.order[i]
             row[:] = 0
@@ -243,17 +289,35 @@ def _add_up(
                     while support[ptr[f] + q] != rows.indices[p]:
                         q += 1
                     row[q] += share * rows.data[p]
-            normal, weight = samples.normals[s], samples.weights[s]
+            weight = samples.weights[s]
+            x, y, z = samples.normals[s, 0], samples.normals[s, 1], samples.normals[s, 2]
+            products = (weight * x * x, weight * x * y, weight * x * z, weight * y * y, weight * y * z, weight * z * z)
+            far = weight * samples.gaps[s]
             for j in range(m):
-                if row[j] == 0:
+                a = row[j]
+                if a == 0:
                     continue
-                a = weight * row[j]
-                for x in range(3):
-                    sides[ptr[f] + j, x] += a * samples.gaps[s] * normal[x]
-                for k in range(m):
-                    b = a * row[k]
-                    if b != 0:
-                        block = blocks[start[f] + j * m + k]
-                        for x in range(3):
-                            for y in range(3):
-                                block[x, y] += b * normal[x] * normal[y]
+                side = sides[ptr[f] + j]
+                side[0] += a * far * x
+                side[1] += a * far * y
+                side[2] += a * far * z
+                for c in range(6):
+                    b, line = a * products[c], sums[c, j]
+                    for k in range(m):
+                        line[k] += b * row[k]
+        for j in range(m):
+            for k in range(m):
+                block = blocks[start[f] + j * m + k]
+                block[0, 0], block[1, 1], block[2, 2] = sums[0, j, k], sums[3, j, k], sums[5, j, k]
+                block[0, 1] = block[1, 0] = sums[1, j, k]
+                block[0, 2] = block[2, 0] = sums[2, j, k]
+                block[1, 2] = block[2, 1] = sums[4, j, k]
+
+
+@nb.njit(cache=True)
+def _scatter(to: I64, values: F64, out: F64) -> None:
+    """Add values to where they belong, those of one place in their order."""
+    flat, wide = values.reshape(len(to), -1), out.reshape(len(out), -1)
+    for i in range(len(to)):
+        for k in range(flat.shape[1]):
+            wide[to[i], k] += flat[i, k]

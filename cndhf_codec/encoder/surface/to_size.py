@@ -16,15 +16,17 @@ r / mean is n / (ln(2) bits) for this larger u.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import I64
+from ...errors import EncodeError
 from ...format import ControlMesh
 from ...format.bfloat16 import above
-from ...format.surface.section import UNTURNED, encode_surface
-from ..deadline import Deadline
+from ...format.surface.section import UNTURNED, PositionEncoder
+from ..deadline import VERIFY_SHARE, Deadline, Pace
 from ..progress import Stage
 from .creases import Fitted, fit_smooth, fit_with_creases
 from .cut import Manifold, cut
@@ -45,7 +47,9 @@ STEP_TRIES = 4  # with other steps, for one number of vertices
 LAST_STEP_TRIES = 12  # where it may be any: flat surfaces save less than a bit per coordinate and halving
 POLISHED = 2 / 3  # what polishing leaves of the error of rounding, and so of u
 MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
-FINE_FACES = 40_000  # the tessellation has about so many faces: as many as there are samples
+# Of the time of the first try: what the next takes with no further rounds, and each of these.
+LEAST_TRY, ROUND_SHARE = 2.0, 0.25
+FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
 
 
@@ -66,35 +70,40 @@ def surface_of_size(
     on_step = stage("fit", TRIES + len(others) + settings.edits)
     simplify = _Simplify(given, round(START * wanted))
     best: tuple[Sized, Manifold, Fitted] | None = None
+    pace, rounds = Pace(deadline), settings.rounds
     for k in range(TRIES):
         mesh = simplify.to(round(wanted))
         final = k > 0
         if final:
-            one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, settings.rounds)
+            one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds)
         else:
             one = fit_smooth(mesh, target, _levels(mesh), settings.trial_rounds)
         # The last try may take any coarser step, rather than make no file.
         coarsest = math.inf if k == TRIES - 1 and best is None else MOST_COARSER
-        sized = _rounded(one, mesh, target, size, coarsest)
+        sized = _rounded(one, mesh, target, size, coarsest, final)
         on_step(k + 1, sized.error)
         whole = len(mesh.faces) >= len(given.faces)
         if len(sized.body) <= size and final and (best is None or sized.error < best[0].error):
             best = sized, mesh, one
         full = CLOSE * size <= len(sized.body) <= size
-        if final and (full or (whole and len(sized.body) <= size) or deadline.passed() >= 1):
+        more = pace.done()
+        if final and (full or (whole and len(sized.body) <= size) or (best is not None and not more)):
             break
+        if k == 0:
+            rounds = _affordable(rounds, pace.last, deadline, size)
         wanted = min(max(wanted * size / len(sized.body), LEAST_FACES), len(given.faces))
     if best is None:
         return sized
     # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
     around = len(best[1].faces)
     for k, factor in enumerate(others):
-        if deadline.passed() >= 1:
+        if deadline.left() < pace.last:
             break
         mesh = simplify.to(round(factor * around))
-        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, settings.rounds)
-        sized = _rounded(one, mesh, target, size, MOST_COARSER)
+        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds)
+        sized = _rounded(one, mesh, target, size)
         on_step(TRIES + k + 1, sized.error)
+        pace.done()
         if len(sized.body) <= size and sized.error < best[0].error:
             best = sized, mesh, one
     sized, mesh, one = best
@@ -108,14 +117,28 @@ def surface_of_size(
         _levels(mesh),
         8 * size,
         settings.edits,
-        deadline,
+        deadline.before(pace.last),  # what comes after takes no longer than a try
         lambda cycles, error: on_step(before + cycles, error),
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
-    again = _rounded(one._replace(control=control, error=error), mesh, target, size, MOST_COARSER)
+    again = _rounded(one._replace(control=control, error=error), mesh, target, size)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
+
+
+def _affordable(rounds: int, first: float, deadline: Deadline, size: int) -> int:
+    """How many rounds a try may take. first: seconds of the first one, which chooses no creases and has few rounds.
+
+    Raises EncodeError where there is no time for any.
+    """
+    least = LEAST_TRY * first
+    if deadline.left() < least:
+        raise EncodeError(
+            f"the time limit is too short: a surface of {size} bytes of this mesh takes about "
+            f"{(deadline.gone() + least) / (1 - VERIFY_SHARE):.0f} seconds here; allow more time, or use a smaller size"
+        )
+    return int(min(rounds, (deadline.left() - least) / (ROUND_SHARE * first)))
 
 
 class _Simplify:
@@ -139,19 +162,27 @@ def _levels(mesh: Manifold) -> int:
     return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), LEAST_LEVELS), 4)
 
 
-def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: float) -> Sized:
+def _rounded(
+    one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: float = MOST_COARSER, final: bool = True
+) -> Sized:
     """Round to the step of the formula, or one a little coarser or finer that fills the file. coarsest: by what factor
-    the step may be coarser."""
+    the step may be coarser. final: whether more is asked for than the bytes."""
     rounding = Rounding(one.basis, target, one.control)
     left = one.control.size / (math.log(2) * 8 * size)
     stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
     ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
+    blank = ControlMesh(
+        UNTURNED,
+        1.0,
+        np.zeros(one.control.shape, dtype=np.int32),
+        mesh.faces.astype(np.int32),
+        one.sharp.astype(np.int32),
+    )
+    encoder = PositionEncoder(blank)
 
     def at(step: float, grid: I64) -> Sized:
-        control = ControlMesh(
-            UNTURNED, step, grid.astype(np.int32), mesh.faces.astype(np.int32), one.sharp.astype(np.int32)
-        )
-        return Sized(control, encode_surface(control), math.nan)
+        control = replace(blank, step=step, positions=grid.astype(np.int32))
+        return Sized(control, encoder.body(control), math.nan)
 
     step, best = ideal, None
     for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
@@ -170,6 +201,8 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: f
             if above(step) == made.mesh.step:
                 break
     assert best is not None
+    if not final:
+        return best._replace(error=one.error)
     # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
     for coarser in (1.0, 1.01):
         step = above(best.mesh.step * coarser)

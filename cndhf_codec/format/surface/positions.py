@@ -16,13 +16,14 @@ was first to be so. Residuals share one set of contexts: with few hundred vertic
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import LimitError, OptionError, PayloadError
 from .manifold import Ints
 from .models import SignedModel
-from .range_coder import Coder, CostCounter
+from .range_coder import Coder
 
 # Evidence for these constants: ADR 035.
 MAX_POSITION = 2**18  # of each coordinate, either sign; residuals stay within `SignedModel`'s range
@@ -30,14 +31,32 @@ EIGHTHS = 8  # the most that `eighths` may be: s = 1
 COUNTED = 2  # faces that foretell a vertex are counted up to here, for the order
 
 
-def code_positions(coder: Coder, faces: Ints, eighths: int, positions: Ints | None = None) -> Ints:
+class Walk(NamedTuple):
+    """The order in which vertices are coded, and what foretells each; it follows from the faces alone.
+
+    order: the vertices. foretold: by vertex, the corners x, y, z of the faces that foretell it. near: by vertex, a
+    neighbour that comes before it, of one that no face foretells; -1 for none.
+    """
+
+    order: list[int]
+    foretold: list[list[tuple[int, int, int]]]
+    near: list[int]
+
+
+def walk_of(faces: Ints) -> Walk:
+    """Walk over a mesh (F, 3), as it is decoded."""
+    walker = _Walker(faces)
+    walker.run()
+    return Walk(walker.order, walker.foretold, walker.near)
+
+
+def code_positions(coder: Coder, walk: Walk, eighths: int, positions: Ints | None = None) -> Ints:
     """Code the positions of all vertices of a mesh, in either direction.
 
     Parameters
     ----------
     coder : Coder
-    faces : (F, 3) int array
-        the mesh as it is decoded
+    walk : Walk
     eighths : int
         8 s, from 0 to 8
     positions : (V, 3) int array, optional
@@ -60,16 +79,37 @@ def code_positions(coder: Coder, faces: Ints, eighths: int, positions: Ints | No
     if positions is not None:
         if np.abs(positions).max(initial=0) > MAX_POSITION:
             raise LimitError(f"a position of the control mesh is beyond {MAX_POSITION} grid units; take a coarser step")
-        given = [[int(x) for x in row] for row in positions]
-    place = _Places(faces, coder, eighths, given)
-    place.all()
-    return np.array(place.at, dtype=np.int32).reshape(-1, 3)
+        given = positions.tolist()
+    ahead, back = 8 + eighths, 2 * eighths  # 16 g - ... : (8 + e)(x + y) - 2 e z, over 16
+    predicted, other = SignedModel(), SignedModel()
+    at: list[list[int]] = [[]] * len(walk.order)
+    here = [0, 0, 0]
+    for v in walk.order:
+        foretold = walk.foretold[v]
+        if foretold:
+            model, n = predicted, 16 * len(foretold)
+            guess = [n // 2] * 3
+            for x, y, z in foretold:
+                p, q, r = at[x], at[y], at[z]
+                for k in range(3):
+                    guess[k] += ahead * (p[k] + q[k]) - back * r[k]
+            guess = [total // n for total in guess]
+        else:
+            model, near = other, walk.near[v]
+            guess = here if near < 0 else at[near]
+        here = []
+        for k in range(3):
+            residual = 0 if given is None else given[v][k] - guess[k]
+            c = guess[k] + model.code(coder, 0, residual)
+            if not -MAX_POSITION <= c <= MAX_POSITION:
+                raise PayloadError(f"vertex {v} of the control mesh lies beyond {MAX_POSITION} grid units")
+            here.append(c)
+        at[v] = here
+    return np.array(at, dtype=np.int32).reshape(-1, 3)
 
 
-def best_eighths(faces: Ints, positions: Ints) -> int:
+def best_eighths(walk: Walk, positions: Ints) -> int:
     """The s, in eighths, for which the residuals of a mesh's positions have fewest binary digits in all."""
-    walk = _Places(faces, CostCounter(), EIGHTHS, positions.tolist())
-    walk.all()
     told = [(v, len(by), *corners) for v, by in enumerate(walk.foretold) for corners in by]
     if not told:
         return EIGHTHS
@@ -83,16 +123,16 @@ def best_eighths(faces: Ints, positions: Ints) -> int:
     return int(np.argmin(digits))
 
 
-class _Places:
+class _Walker:
     """The vertices that are placed so far, and which come next."""
 
-    def __init__(self, faces: Ints, coder: Coder, eighths: int, given: list[list[int]] | None) -> None:
-        self._coder, self._given = coder, given
-        self._ahead, self._back = 8 + eighths, 2 * eighths  # 16 g - ... : (8 + e)(x + y) - 2 e z, over 16
-        self._predicted, self._other = SignedModel(), SignedModel()
+    def __init__(self, faces: Ints) -> None:
         self._faces: list[list[int]] = faces.tolist()
-        n = 1 + max((max(face) for face in self._faces), default=-1)
-        self.at: list[list[int] | None] = [None] * n
+        n = 1 + int(faces.max(initial=-1))
+        self.order: list[int] = []
+        self.foretold: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
+        self.near = [-1] * n
+        self._placed = [False] * n
         self._around: list[list[int]] = [[] for _ in range(n)]  # faces of a vertex
         self._sides: dict[tuple[int, int], list[tuple[int, int]]] = {}  # of an edge: face, corner across
         for f, (a, b, c) in enumerate(self._faces):
@@ -100,15 +140,11 @@ class _Places:
                 self._around[v].append(f)
                 self._sides.setdefault((x, y) if x < y else (y, x), []).append((f, v))
         self._missing = [3] * len(self._faces)  # corners of a face that are not placed
-        # Per vertex, the corners x, y, z of the faces that foretell it; as they were when it was placed.
-        self.foretold: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
-        self._near: list[int] = [-1] * n  # a placed neighbour, of a vertex that no face foretells
         self._queues: list[deque[int]] = [deque() for _ in range(COUNTED + 1)]
-        self._last = [0, 0, 0]
 
-    def all(self) -> None:
-        for first in range(len(self.at)):
-            if self.at[first] is None:
+    def run(self) -> None:
+        for first, placed in enumerate(self._placed):
+            if not placed:
                 self._place(first)
                 while (v := self._next()) is not None:
                     self._place(v)
@@ -119,31 +155,13 @@ class _Places:
             while queue:
                 v = queue.popleft()
                 # A vertex stands in the queue of each count that it has had.
-                if self.at[v] is None and min(len(self.foretold[v]), COUNTED) == count:
+                if not self._placed[v] and min(len(self.foretold[v]), COUNTED) == count:
                     return v
         return None
 
     def _place(self, v: int) -> None:
-        foretold, at = self.foretold[v], self.at
-        if foretold:
-            model, n = self._predicted, 16 * len(foretold)
-            guess = []
-            for k in range(3):
-                total = n // 2
-                for x, y, z in foretold:
-                    total += self._ahead * (at[x][k] + at[y][k]) - self._back * at[z][k]  # type: ignore[index]
-                guess.append(total // n)
-        else:
-            model = self._other
-            guess = self._last if self._near[v] < 0 else at[self._near[v]]  # type: ignore[assignment]
-        here = []
-        for k in range(3):
-            residual = 0 if self._given is None else self._given[v][k] - guess[k]
-            x = guess[k] + model.code(self._coder, 0, residual)
-            if not -MAX_POSITION <= x <= MAX_POSITION:
-                raise PayloadError(f"vertex {v} of the control mesh lies beyond {MAX_POSITION} grid units")
-            here.append(x)
-        at[v] = self._last = here
+        self._placed[v] = True
+        self.order.append(v)
         for f in self._around[v]:
             self._missing[f] -= 1
             a, b, c = self._faces[f]
@@ -152,14 +170,14 @@ class _Places:
                     self._foretell(f, x, y, z)
             else:
                 for w in (a, b, c):
-                    if at[w] is None and self._near[w] < 0:
-                        self._near[w] = v
+                    if not self._placed[w] and self.near[w] < 0:
+                        self.near[w] = v
                         self._queues[0].append(w)
 
     def _foretell(self, face: int, x: int, y: int, z: int) -> None:
         """Let a placed face foretell the vertex across its edge (x, y)."""
         for f, w in self._sides[(x, y) if x < y else (y, x)]:
-            if f != face and self.at[w] is None:
+            if f != face and not self._placed[w]:
                 self.foretold[w].append((x, y, z))
                 count = len(self.foretold[w])
                 if count <= COUNTED:

@@ -5,13 +5,11 @@ context learns from the bits it has seen: after n bits, the next moves its chanc
 and Trofimov, 1981), which is fast at first, because a small file shows each context few bits.
 
 Encoder and decoder have the same two methods, `bit` and `raw`, and both return what was coded. Code that passes the
-value along therefore works in either direction: the decoder ignores what it is given. `CostCounter` is a third such
-coder, which adds up bits and changes nothing.
+value along therefore works in either direction: the decoder ignores what it is given.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Protocol
 
 from ...errors import PayloadError, TruncatedError
@@ -28,8 +26,6 @@ class Context:
     """One adaptive bit: the chance of a zero, times 2^16, and how many bits were seen, up to `LIMIT`.
 
     >>> context = Context()
-    >>> context.cost(0)
-    1.0
     >>> context.adapt(0)
     >>> context.zero  # 3/4: half of the way from 1/2 to 1
     49152
@@ -50,13 +46,9 @@ class Context:
         if self.count < LIMIT:
             self.count += 1
 
-    def cost(self, bit: int) -> float:
-        """Bits that coding this bit would take now; for encoders only, since it is a float."""
-        return -math.log2((ONE - self.zero if bit else self.zero) / ONE)
-
 
 class Coder(Protocol):
-    """What encoder, decoder and cost counter have in common."""
+    """What encoder and decoder have in common."""
 
     def bit(self, context: Context, bit: int = 0) -> int:
         """Code one bit with a context, and return it."""
@@ -79,6 +71,12 @@ class RangeEncoder:
         self._low = 0
         self._range = TOP - 1
         self._out = bytearray()
+
+    def copy(self) -> RangeEncoder:
+        """Another encoder that has coded the same."""
+        other = RangeEncoder()
+        other._low, other._range, other._out = self._low, self._range, self._out.copy()
+        return other
 
     def bit(self, context: Context, bit: int = 0) -> int:
         """Code one bit with a context, which learns it; return the bit."""
@@ -205,26 +203,3 @@ class RangeDecoder:
             self._at += 1
             width <<= 8
         return width
-
-
-class CostCounter:
-    """Adds up what coding would cost as the contexts are now, in `bits`; they learn nothing. For encoders.
-
-    >>> counter = CostCounter()
-    >>> _ = counter.bit(Context(), 1), counter.raw(7, 100)
-    >>> counter.bits
-    8.0
-    """
-
-    def __init__(self) -> None:
-        self.bits = 0.0
-
-    def bit(self, context: Context, bit: int = 0) -> int:
-        """Add the cost of one bit; return the bit."""
-        self.bits += context.cost(bit)
-        return bit
-
-    def raw(self, n_bits: int, value: int = 0) -> int:
-        """Add `n_bits`; return the value."""
-        self.bits += n_bits
-        return value

@@ -14,7 +14,7 @@ from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
 from .manifold import Ints
 from .marks import decode_marks, encode_marks
-from .positions import EIGHTHS, best_eighths, code_positions
+from .positions import EIGHTHS, best_eighths, code_positions, walk_of
 from .range_coder import RangeDecoder, RangeEncoder
 
 HEAD_SIZE = 3  # flags, step
@@ -29,26 +29,42 @@ def encode_surface(mesh: ControlMesh) -> bytes:
     Raises MeshError where the mesh is not a two-manifold, LimitError where it or a position is too large, and
     OptionError for sharp edges or vertices that it does not have.
     """
-    _check_numbers(mesh)
-    turned = tuple(mesh.quaternion) != UNTURNED
-    encoder = RangeEncoder()
-    numbering = encode_connectivity(encoder, mesh.faces)
-    faces, positions = np.empty_like(mesh.faces), np.empty_like(mesh.positions)
-    faces[numbering.faces] = numbering.vertices[mesh.faces]
-    positions[numbering.vertices] = mesh.positions
-    faces = _least_first(faces)
-    encode_marks(encoder, faces, numbering.vertices[mesh.sharp])
-    eighths = best_eighths(faces, positions)
-    code_positions(encoder, faces, eighths, positions)
-    try:
-        step = bits_above(mesh.step)
-        if from_bits(step) != mesh.step:
-            raise OptionError(f"field step of the control mesh is {mesh.step}, which is no bfloat16")
-        head = struct.pack("<BH", eighths | (ROTATED if turned else 0), step)
-        head += struct.pack("<4h", *mesh.quaternion) if turned else b""
-    except struct.error as exc:
-        raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
-    return head + encoder.finish()
+    return PositionEncoder(mesh).body(mesh)
+
+
+class PositionEncoder:
+    """The section of control meshes that differ in positions, step and frame alone: the rest is coded once.
+
+    mesh: one of them. Raises as `encode_surface` does.
+    """
+
+    def __init__(self, mesh: ControlMesh) -> None:
+        _check_numbers(mesh)
+        self._encoder = RangeEncoder()
+        numbering = encode_connectivity(self._encoder, mesh.faces)
+        faces = np.empty_like(mesh.faces)
+        faces[numbering.faces] = numbering.vertices[mesh.faces]
+        faces = _least_first(faces)
+        encode_marks(self._encoder, faces, numbering.vertices[mesh.sharp])
+        self._vertices, self._walk = numbering.vertices, walk_of(faces)
+
+    def body(self, mesh: ControlMesh) -> bytes:
+        """The body of the section."""
+        turned = tuple(mesh.quaternion) != UNTURNED
+        positions = np.empty_like(mesh.positions)
+        positions[self._vertices] = mesh.positions
+        eighths = best_eighths(self._walk, positions)
+        encoder = self._encoder.copy()
+        code_positions(encoder, self._walk, eighths, positions)
+        try:
+            step = bits_above(mesh.step)
+            if from_bits(step) != mesh.step:
+                raise OptionError(f"field step of the control mesh is {mesh.step}, which is no bfloat16")
+            head = struct.pack("<BH", eighths | (ROTATED if turned else 0), step)
+            head += struct.pack("<4h", *mesh.quaternion) if turned else b""
+        except struct.error as exc:
+            raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
+        return head + encoder.finish()
 
 
 def decode_surface(body: bytes) -> ControlMesh:
@@ -76,7 +92,7 @@ def decode_surface(body: bytes) -> ControlMesh:
     if not faces.size:
         raise PayloadError("the surface section holds no faces; a surface has at least one")
     sharp = decode_marks(decoder, faces)
-    positions = code_positions(decoder, faces, eighths)
+    positions = code_positions(decoder, walk_of(faces), eighths)
     decoder.finish()
     return ControlMesh(quaternion, step, positions, faces, sharp)
 

@@ -53,20 +53,40 @@ def test_points_of_patches_lie_on_the_limit_surface():
     for _ in range(5):
         level = next_level(level)
     exact = target_of(trimesh.Trimesh(level.limit, level.topology.faces, process=False), 10)
-    nodes = basis.surface(vertices)[basis.nodes]
-    places = np.tile([0.5, 0.3, 0.2], (len(nodes), 1))
-    off = exact.closest(fit_module._weighted(fit_module._shapes(places), nodes)).distances.max()
-    assert off < 0.1 * exact.closest(np.einsum("kn,knx->kx", places, nodes[:, :3])).distances.max()
+    surface, chosen = basis.surface(vertices), np.arange(len(basis.nodes))
+    places = np.tile([0.5, 0.3, 0.2], (len(chosen), 1))
+    shapes, points = fit_module._points_at(surface, basis.nodes, chosen, places)
+    np.testing.assert_allclose(shapes.sum(axis=1), 1)
+    flat = np.einsum("kn,knx->kx", places, surface[basis.fine])
+    assert exact.closest(points).distances.max() < 0.1 * exact.closest(flat).distances.max()
+
+
+def near_a_flat_patch(nearest: list[float], sample: list[float]) -> np.ndarray:
+    """The point near a sample, of the triangle (0, 0), (1, 0), (0, 1) at height 0."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    surface = np.concatenate([corners, (corners + corners[[1, 2, 0]]) / 2])
+    nodes, first = np.arange(6)[None], np.zeros(1, dtype=np.int64)
+    shapes, points = fit_module._points_near(surface, nodes, first, np.array([nearest]), np.array([sample]))
+    np.testing.assert_allclose(shapes @ surface, points, atol=1e-12)
+    assert shapes.sum() == pytest.approx(1)
+    return points[0]
 
 
 def test_a_step_towards_samples_is_exact_in_flat_patches():
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    nodes = np.concatenate([corners, (corners + corners[[1, 2, 0]]) / 2])[None]
-    moved = fit_module._nearer(nodes, np.array([[1 / 3, 1 / 3, 1 / 3]]), np.array([[0.2, 0.5, 0.7]]))
-    np.testing.assert_allclose(moved, [[0.3, 0.2, 0.5]], atol=1e-12)
-    outside = fit_module._nearer(nodes, np.array([[1 / 3, 1 / 3, 1 / 3]]), np.array([[-1.0, 0.5, 0]]))
-    assert outside.min() >= 0
-    assert outside.sum() == pytest.approx(1)
+    np.testing.assert_allclose(near_a_flat_patch([0.3, 0.3, 0], [0.3, 0.2, 0.7]), [0.3, 0.2, 0], atol=1e-12)
+    x, y, z = near_a_flat_patch([0.3, 0.3, 0], [-1.0, 0.5, 0])
+    assert min(x, y) >= 0
+    assert x + y <= 1
+    assert z == 0
+
+
+def test_gaps_off_the_normal_are_distances():
+    normals = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, 1]])
+    offsets = np.array([[0.1, 0, -1], [3, 0, 4], [4, 0, 3]])
+    gaps, distances = fit_module._gaps(normals, offsets)
+    np.testing.assert_allclose(gaps, [-1, 4, 5])
+    np.testing.assert_allclose(distances, [np.sqrt(1.01), 5, 5])
+    np.testing.assert_allclose(normals, [[0, 0, 1], [0, 0, 1], [0.8, 0, 0.6]])
 
 
 def test_points_are_spread_evenly():

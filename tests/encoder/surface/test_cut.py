@@ -115,6 +115,16 @@ def test_copies_of_faces_are_left_out():
     assert is_closed(out)
 
 
+def test_a_closed_surface_stays_closed_without_the_copies_of_its_faces():
+    # Two tetrahedra on the same triangle, one within the other: the triangle is there twice, and is kept once.
+    vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0.2, 0.2, 1), (0.3, 0.3, 0.5)])
+    tetrahedron = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+    faces = np.array([*tetrahedron, *(tuple(4 if v == 3 else v for v in f) for f in tetrahedron)])
+    made = checked(vertices, faces)
+    assert is_closed(made)
+    assert trimesh.Trimesh(*made, process=False).volume == pytest.approx(1 / 6 + 1 / 12)
+
+
 def test_neighbours_are_turned_to_look_the_same_way():
     sphere = trimesh.creation.icosphere(1)
     faces = sphere.faces.copy()

@@ -199,6 +199,40 @@ def test_a_size_that_holds_no_surface(size):
         encode_surface(*given, replace(QUICK, target_size=size), 95, 0, no_stage, Deadline(inf))
 
 
+class Hourglass(Deadline):
+    """A deadline by another clock: so many seconds pass with each look at what has gone."""
+
+    def __init__(self, seconds: float, look: float) -> None:
+        self._seconds, self._look, self._gone = seconds, look, 0.0
+
+    def gone(self) -> float:
+        self._gone += self._look
+        return self._gone
+
+    def left(self) -> float:
+        return self._seconds - self._gone
+
+
+def test_a_time_limit_lets_through_what_there_is_time_for(monkeypatch):
+    rounds = []
+    fit_with_creases = to_size.fit_with_creases
+    monkeypatch.setattr(
+        to_size, "fit_with_creases", lambda *args: [rounds.append(args[-1]), fit_with_creases(*args)][1]
+    )
+    many = replace(QUICK, rounds=8, target_size=600, other_counts=(0.9, 1.1))
+    given = arrays(lumps())
+    encode_surface(*given, many, 50, 0, no_stage, Deadline(inf))
+    everything = len(rounds)
+    assert everything >= 3
+    assert rounds == [8] * everything
+    rounds.clear()
+    # After the first try 3.5 seconds remain: two for the next, and a quarter for each of its rounds.
+    encode_surface(*given, many, 50, 0, no_stage, Hourglass(5.5, 1))
+    assert rounds == [6] * (everything - 1)
+    with pytest.raises(EncodeError, match="the time limit is too short: a surface of 550 bytes"):
+        encode_surface(*given, many, 50, 0, no_stage, Hourglass(2.5, 1))
+
+
 def test_progress_goes_through_the_stages():
     seen = []
     made(lumps(), 500, progress=lambda stage, done, total, loss=np.nan: seen.append((stage, done, total)))

@@ -238,7 +238,7 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
       again = false;
       for (let k = LEVELS - 1; k >= 0; k--) {
         const queue = queues[k]!;
-        for (let N = queue.take(); N !== undefined; N = queue.take()) {
+        for (let N = queue.take(); N >= 0; N = queue.take()) {
           if (dropped[N]) continue;
           if (level(N) === k) return N;
           push(N);

@@ -17,28 +17,23 @@ export interface LimitMesh {
   further: number[];
 }
 
-/** A sector whose normal has to wait for the points around it: by the angles of its triangles. */
-interface Waiting {
-  sector: number;
-  /** The neighbours, anticlockwise, from the first to the last of the sector's triangles. */
-  ring: number[];
-}
-
 /**
  * The limit of a mesh with these vertices. With `isDivided` the vertices are those after one step more, and so is the
  * result: what lies around them is known without making that topology.
  */
 export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boolean): LimitMesh {
-  const { faces, ofHalf, opposite, sharp } = mesh;
-  const nOld = mesh.valences.length;
+  const { faces, ofHalf, opposite, sharp, sharpness } = mesh;
+  const nOld = sharpness.length;
   const nVertices = vertices.length / 3;
   const further: number[] = [];
   const most = 3 * (nVertices + (isDivided ? 2 : 1) * faces.length);
   const points = new Float64Array(most);
   const normals = new Float32Array(most);
-  const waiting: Waiting[] = [];
   const ofCorner = new Uint32Array(faces.length);
   const ofEdgeVertex = new Uint32Array(isDivided ? faces.length : 0); // per half-edge: the sector in its face
+  // Sectors whose normals have to wait for the points around them. For each: its number, how many triangles it has,
+  // negative where they are turned, and the neighbours from the first to the last of these.
+  const waiting: number[] = [];
 
   /** A further sector of a vertex. */
   const furtherSector = (vertex: number): number => {
@@ -47,10 +42,23 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
     return sector;
   };
 
+  // The fan around a vertex: its neighbours; and the triangles between them, `size` of them.
+  const spokes: number[] = [];
+  const isSharp: number[] = [];
+  const halves: number[] = []; // in the triangle that follows
+  const turned: boolean[] = []; // whether the triangle has the other orientation than the walk
+  let size = 0;
+
+  /** Let the normal of a sector wait; it has n triangles, from spoke i on. */
+  const wait = (sector: number, i: number, n: number, isTurned: boolean): void => {
+    waiting.push(sector, isTurned ? -n : n);
+    for (let j = i; j <= i + n; j++) waiting.push(spokes[j]!);
+  };
+
   const u = new Float64Array(3);
   const w = new Float64Array(3);
-  /** Set the normal of a sector from its tangents u and w, or say that they have none. */
-  const setNormal = (sector: number, isTurned: boolean): boolean => {
+  /** Set the normal of a sector from its tangents u and w; where they have none it waits. */
+  const setNormal = (sector: number, i: number, n: number, isTurned: boolean): void => {
     const x = u[1]! * w[2]! - u[2]! * w[1]!;
     const y = u[2]! * w[0]! - u[0]! * w[2]!;
     const z = u[0]! * w[1]! - u[1]! * w[0]!;
@@ -58,168 +66,164 @@ export function limitMesh(mesh: Topology, vertices: Float64Array, isDivided: boo
     normals[3 * sector] = x / length;
     normals[3 * sector + 1] = y / length;
     normals[3 * sector + 2] = z / length;
-    return length !== 0;
+    if (!length) wait(sector, i, n, isTurned);
   };
 
   /** The normal of a sector from one sharp edge to another one of a crease (Hoppe et al. 1994). */
-  const setCrease = (sector: number, vertex: number, ring: number[]): void => {
-    const n = ring.length - 1;
+  const setCrease = (sector: number, vertex: number, i: number, n: number, isTurned: boolean): void => {
     const table = (creases[n] ??= creaseWeights(n));
     for (let k = 0; k < 3; k++) {
       const own = vertices[3 * vertex + k]!;
       let across = 0;
-      for (let i = 0; i <= n; i++) across += table[i]! * (vertices[3 * ring[i]! + k]! - own);
-      u[k] = vertices[3 * ring[0]! + k]! - vertices[3 * ring[n]! + k]!; // the tangent along the crease
+      for (let j = 0; j <= n; j++) across += table[j]! * (vertices[3 * spokes[i + j]! + k]! - own);
+      u[k] = vertices[3 * spokes[i]! + k]! - vertices[3 * spokes[i + n]! + k]!; // the tangent along the crease
       w[k] = across;
     }
-    if (!setNormal(sector, false)) waiting.push({ sector, ring });
+    setNormal(sector, i, n, isTurned);
   };
 
-  /** The neighbours of an edge's vertex on one side, with the ends. */
-  const sideOf = (h: number): number[] => [
-    faces[nextHalf(h)]!, nOld + ofHalf[nextHalf(h)]!, nOld + ofHalf[previousHalf(h)]!, faces[h]!,
-  ];
+  /** The neighbours of an edge's vertex in the face of half-edge h, with the ends, become the spokes from i on. */
+  const setSide = (h: number, i: number): void => {
+    spokes[i] = faces[nextHalf(h)]!;
+    spokes[i + 1] = nOld + ofHalf[nextHalf(h)]!;
+    spokes[i + 2] = nOld + ofHalf[previousHalf(h)]!;
+    spokes[i + 3] = faces[h]!;
+  };
 
-  // The vertices on edges. They have six neighbours, or four on a boundary: the ends, and the middles around.
-  for (let h = 0; isDivided && h < faces.length; h++) {
-    const o = opposite[h]!;
-    if (o >= h) continue; // each edge once
-    const v = nOld + ofHalf[h]!;
-    const isSharp = sharp[ofHalf[h]!]!;
-    const isTurned = !isSharp && faces[o] === faces[h];
-    const a = 3 * faces[h]!;
-    const b = 3 * faces[nextHalf(h)]!;
-    const c = 3 * (nOld + ofHalf[nextHalf(h)]!);
-    const d = 3 * (nOld + ofHalf[previousHalf(h)]!);
-    const e = isSharp ? 0 : 3 * (nOld + ofHalf[nextHalf(o)]!);
-    const f = isSharp ? 0 : 3 * (nOld + ofHalf[previousHalf(o)]!);
+  /** The sector of an edge's vertex that lies in the face of half-edge h, and ends with it. */
+  const setHalf = (h: number, v: number, sector: number): void => {
+    ofEdgeVertex[h] = sector;
+    setSide(h, 0);
+    if (!sharp[ofHalf[h]!]) return wait(sector, 0, 3, false);
+    // As `setCrease` for three triangles, without a table.
     for (let k = 0; k < 3; k++) {
       const own = vertices[3 * v + k]!;
-      const p = vertices[b + k]!;
-      const q = vertices[c + k]!;
-      const r = vertices[d + k]!;
-      const s = vertices[a + k]!;
-      if (isSharp) {
-        points[3 * v + k] = (4 * own + p + s) / 6;
-        continue;
-      }
-      const t = vertices[e + k]!;
-      const x = vertices[f + k]!;
-      points[3 * v + k] = (6 * own + p + q + r + s + t + x) / 12;
+      const p = vertices[3 * spokes[0]! + k]!;
+      const s = vertices[3 * spokes[3]! + k]!;
+      points[3 * sector + k] = (4 * own + p + s) / 6;
+      u[k] = p - s;
+      w[k] = vertices[3 * spokes[1]! + k]! - own + (vertices[3 * spokes[2]! + k]! - own) - (p - own + (s - own)) / 2;
+    }
+    setNormal(sector, 0, 3, false);
+  };
+
+  /** A vertex on an edge. It has six neighbours, or four on a boundary: the ends, and the middles around. */
+  const setEdge = (h: number, o: number): void => {
+    const v = nOld + ofHalf[h]!;
+    if (sharp[ofHalf[h]!]) {
+      setHalf(h, v, v);
+      if (o >= 0) setHalf(o, v, furtherSector(v));
+      return;
+    }
+    setSide(h, 0);
+    setSide(o, 3);
+    for (let k = 0; k < 3; k++) {
+      const p = vertices[3 * spokes[0]! + k]!;
+      const q = vertices[3 * spokes[1]! + k]!;
+      const r = vertices[3 * spokes[2]! + k]!;
+      const s = vertices[3 * faces[h]! + k]!;
+      const t = vertices[3 * spokes[4]! + k]!;
+      const x = vertices[3 * spokes[5]! + k]!;
+      points[3 * v + k] = (6 * vertices[3 * v + k]! + p + q + r + s + t + x) / 12;
       // Loop's tangents: sums by the cosines and sines of sixths of a turn; of the second, the root of 3 / 4 is left out.
       u[k] = p - s + (q - r - t + x) / 2;
       w[k] = q + r - t - x;
     }
-    ofEdgeVertex[h] = v;
-    if (o >= 0) ofEdgeVertex[o] = isSharp || isTurned ? furtherSector(v) : v;
-    if (!isSharp && !isTurned) {
-      if (!setNormal(v, false)) waiting.push({ sector: v, ring: [...sideOf(h), ...sideOf(o).slice(1)] });
-      continue;
+    if (faces[o] === faces[h]) {
+      setHalf(h, v, v);
+      setHalf(o, v, furtherSector(v));
+    } else {
+      ofEdgeVertex[h] = ofEdgeVertex[o] = v;
+      setNormal(v, 0, 6, false);
     }
-    for (const g of o >= 0 ? [h, o] : [h]) {
-      if (isSharp) setCrease(ofEdgeVertex[g]!, v, sideOf(g));
-      else waiting.push({ sector: ofEdgeVertex[g]!, ring: sideOf(g) });
-    }
-  }
-
-  const starts = new Int32Array(nOld);
-  for (let h = 0; h < faces.length; h++) starts[faces[h]!] = h;
-  // The fan of faces around a vertex: its neighbours, and the corners between them.
-  const spokes: number[] = [];
-  const isSharpSpoke: boolean[] = [];
-  const corners: number[] = [];
-  const turned: boolean[] = []; // whether the face has the other orientation than the walk
-  let size = 0; // corners of the fan
-  let n = 0; // spokes
-  /** The neighbours from spoke i over `count` corners, anticlockwise. */
-  const around = (i: number, count: number): number[] => {
-    const ring = Array.from({ length: count + 1 }, (_, j) => spokes[(i + j) % n]!);
-    return turned[i % size] ? ring.reverse() : ring;
   };
-  for (let v = 0; v < nOld; v++) {
-    // Turn round v to the boundary, or all the way. From there back, or from the last sharp edge that was met.
-    const start = starts[v]!;
-    let from = start;
-    let h = start;
-    for (let o = opposite[h]!; ; o = opposite[h]!) {
-      if (sharp[ofHalf[h]!]) from = h;
-      if (o < 0) break;
-      h = faces[o] === v ? previousHalf(o) : nextHalf(o);
-      if (h === start) break;
-    }
-    h = from;
+
+  /** Walk round vertex v from half-edge `from`: anticlockwise, if that starts at v. */
+  const walk = (v: number, from: number): void => {
     size = 0;
-    let isClosed = true;
-    let nSharp = 0;
-    for (;;) {
+    let h = from;
+    let last = 0;
+    do {
       const isAhead = faces[h] === v;
       spokes[size] = isDivided ? nOld + ofHalf[h]! : faces[isAhead ? nextHalf(h) : h]!;
-      nSharp += sharp[ofHalf[h]!]!;
-      isSharpSpoke[size] = !!sharp[ofHalf[h]!];
-      corners[size] = isAhead ? h : nextHalf(h);
+      isSharp[size] = sharp[ofHalf[h]!]!;
+      halves[size] = h;
       turned[size++] = !isAhead;
-      const across = isAhead ? previousHalf(h) : nextHalf(h);
-      h = opposite[across]!;
-      if (h === from) break;
-      if (h >= 0) continue;
-      isClosed = false;
-      nSharp++;
-      isSharpSpoke[size] = true;
-      spokes[size] = isDivided ? nOld + ofHalf[across]! : faces[isAhead ? across : nextHalf(across)]!;
-      break;
+      last = isAhead ? previousHalf(h) : nextHalf(h);
+      h = opposite[last]!;
+    } while (h >= 0 && h !== from);
+    // Behind the last triangle there is the first neighbour again, or that at the boundary.
+    if (h < 0) spokes[size] = isDivided ? nOld + ofHalf[last]! : faces[last]! + faces[nextHalf(last)]! - v;
+    else spokes[size] = spokes[0]!;
+    isSharp[size] = sharp[ofHalf[last]!]!;
+  };
+
+  /** A vertex of the topology; `start` is a half-edge that starts at it. */
+  const setVertex = (v: number, start: number): void => {
+    const nSharp = sharpness[v]!;
+    // Where there are sharp edges, turn back to the boundary, or all the way to the last one.
+    let from = start;
+    if (nSharp) {
+      let h = start;
+      do {
+        if (sharp[ofHalf[h]!]) from = h;
+        const o = opposite[h]!;
+        h = o < 0 ? start : faces[o] === v ? previousHalf(o) : nextHalf(o);
+      } while (h !== start);
     }
-    n = isClosed ? size : size + 1;
+    walk(v, from);
     let seam = 1; // where the orientation changes first; `size` where it does not
     while (seam < size && turned[seam] === turned[0]) seam++;
-    if (nSharp === 2) {
-      const other = isSharpSpoke.indexOf(true, 1);
+    if (!nSharp && seam < size) walk(v, halves[seam]!); // the first sector starts there
+    const at = 3 * v;
+    if (nSharp > 1) {
+      // On a crease the other sharp edge; a corner stays where it is.
+      const a = 3 * spokes[0]!;
+      const b = 3 * spokes[isSharp.indexOf(1, 1)]!;
       for (let k = 0; k < 3; k++) {
-        const ends = vertices[3 * spokes[0]! + k]! + vertices[3 * spokes[other]! + k]!;
-        points[3 * v + k] = (4 * vertices[3 * v + k]! + ends) / 6;
+        const own = vertices[at + k]!;
+        points[at + k] = nSharp > 2 ? own : (4 * own + vertices[a + k]! + vertices[b + k]!) / 6;
       }
-    } else if (nSharp > 2) {
-      for (let k = 0; k < 3; k++) points[3 * v + k] = vertices[3 * v + k]!;
     } else {
-      const table = fanWeights(n);
-      const column = nSharp ? 3 : 2; // darts have weights of their own
-      u.fill(0);
-      w.fill(0);
+      const table = fanWeights(size);
       let sum = 1;
-      for (let k = 0; k < 3; k++) points[3 * v + k] = vertices[3 * v + k]!;
-      for (let i = 0; i < n; i++) {
-        const share = table[4 * i + column]!;
-        const at = 3 * spokes[i]!;
+      for (let k = 0; k < 3; k++) {
+        points[at + k] = vertices[at + k]!;
+        u[k] = w[k] = 0;
+      }
+      for (let i = 0; i < size; i++) {
+        const share = table[4 * i + 2 + nSharp]!; // darts have weights of their own
         sum += share;
         for (let k = 0; k < 3; k++) {
-          const x = vertices[at + k]!;
+          const x = vertices[3 * spokes[i]! + k]!;
           u[k]! += table[4 * i]! * x;
           w[k]! += table[4 * i + 1]! * x;
-          points[3 * v + k]! += share * x;
+          points[at + k]! += share * x;
         }
       }
-      for (let k = 0; k < 3; k++) points[3 * v + k]! /= sum;
-      if (seam === size) {
-        for (let i = 0; i < size; i++) ofCorner[corners[i]!] = v;
-        if (!setNormal(v, turned[0]!)) waiting.push({ sector: v, ring: around(0, n) });
-        continue;
-      }
+      for (let k = 0; k < 3; k++) points[at + k]! /= sum;
     }
-    // Where only orientation changes, the first sector starts there.
-    const shift = nSharp ? 0 : seam;
-    for (let i = 0; i < size; ) {
-      let end = i + 1;
-      const at = (j: number): number => (j + shift) % size;
-      while (end < size && !isSharpSpoke[at(end)] && turned[at(end)] === turned[at(i)]) end++;
+    for (let i = 0, end = 0; i < size; i = end) {
+      const isTurned = turned[i]!;
       const sector = i ? furtherSector(v) : v;
-      for (let j = i; j < end; j++) ofCorner[corners[at(j)]!] = sector;
-      const ring = around(i + shift, end - i);
-      const isWhole = isSharpSpoke[at(i)] && isSharpSpoke[isClosed ? at(end) : end];
-      if (nSharp === 2 && isWhole) setCrease(sector, v, ring);
-      else waiting.push({ sector, ring });
-      i = end;
+      do {
+        ofCorner[isTurned ? nextHalf(halves[end]!) : halves[end]!] = sector;
+        end++;
+      } while (end < size && !isSharp[end] && turned[end] === isTurned);
+      const n = end - i;
+      if (nSharp < 2 && n === size) setNormal(v, 0, n, isTurned);
+      else if (nSharp === 2 && isSharp[i] && isSharp[end]) setCrease(sector, v, i, n, isTurned);
+      else wait(sector, i, n, isTurned);
     }
+  };
+
+  const starts = new Int32Array(nOld);
+  for (let h = 0; h < faces.length; h++) {
+    starts[faces[h]!] = h;
+    if (isDivided && opposite[h]! < h) setEdge(h, opposite[h]!); // each edge once
   }
-  for (const { sector, ring } of waiting) normals.set(normalByAngles(points, sector, ring), 3 * sector);
+  for (let v = 0; v < nOld; v++) setVertex(v, starts[v]!);
+  for (let i = 0; i < waiting.length; ) i = setByAngles(points, normals, waiting, i);
   return {
     points: points.subarray(0, 3 * (nVertices + further.length)),
     normals: normals.slice(0, 3 * (nVertices + further.length)),
@@ -270,30 +274,35 @@ function fanWeights(n: number): number[] {
   return table;
 }
 
-/** The unit normals of the triangles between limit points, by their angles. */
-function normalByAngles(points: Float64Array, centre: number, ring: number[]): number[] {
-  const sum = [0, 0, 0];
-  let a: number[] = [];
-  for (const v of ring) {
-    const b = unit([0, 1, 2].map((k) => points[3 * v + k]! - points[3 * centre + k]!));
-    if (a.length) {
-      const n = unit(cross(a, b));
-      const angle = 2 * Math.atan2(
-        Math.hypot(a[0]! - b[0]!, a[1]! - b[1]!, a[2]! - b[2]!), Math.hypot(a[0]! + b[0]!, a[1]! + b[1]!, a[2]! + b[2]!),
-      );
-      for (let k = 0; k < 3; k++) sum[k]! += angle * n[k]!;
-    }
-    a = b;
+/**
+ * Set the normal of the sector that is waiting at i: the unit normals of the triangles between limit points, by their
+ * angles. Gives the place of the next one.
+ */
+function setByAngles(points: Float64Array, normals: Float32Array, waiting: number[], i: number): number {
+  const at = 3 * waiting[i]!;
+  const n = waiting[i + 1]!;
+  const end = i + 3 + Math.abs(n);
+  let x = 0, y = 0, z = 0, ax = 0, ay = 0, az = 0;
+  for (let j = i + 2; j < end; j++) {
+    const p = 3 * waiting[j]!;
+    const bx = points[p]! - points[at]!;
+    const by = points[p + 1]! - points[at + 1]!;
+    const bz = points[p + 2]! - points[at + 2]!;
+    const cx = ay * bz - az * by;
+    const cy = az * bx - ax * bz;
+    const cz = ax * by - ay * bx;
+    const area = Math.sqrt(cx * cx + cy * cy + cz * cz);
+    const share = area && Math.atan2(area, ax * bx + ay * by + az * bz) / area;
+    x += share * cx;
+    y += share * cy;
+    z += share * cz;
+    ax = bx;
+    ay = by;
+    az = bz;
   }
-  return unit(sum);
-}
-
-const cross = (a: number[], b: number[]): number[] => [
-  a[1]! * b[2]! - a[2]! * b[1]!, a[2]! * b[0]! - a[0]! * b[2]!, a[0]! * b[1]! - a[1]! * b[0]!,
-];
-
-/** A vector at length one; zero stays zero. */
-function unit([x, y, z]: number[]): number[] {
-  const length = Math.hypot(x!, y!, z!) || 1;
-  return [x! / length, y! / length, z! / length];
+  const length = (Math.sqrt(x * x + y * y + z * z) || 1) * Math.sign(n);
+  normals[at] = x / length;
+  normals[at + 1] = y / length;
+  normals[at + 2] = z / length;
+  return end;
 }

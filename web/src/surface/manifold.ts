@@ -8,91 +8,95 @@ export interface Edges {
   ofHalf: Int32Array;
   /** The other half-edge of each half-edge's edge, or -1 on a boundary. */
   opposite: Int32Array;
-  /** The half-edges that start at each vertex v, in order: corners[first[v]] to corners[first[v + 1] - 1]. */
-  corners: Int32Array;
+  /** The least half-edge that starts at each vertex, and after each half-edge the next one that starts there, or -1. */
   first: Int32Array;
+  after: Int32Array;
 }
 
 export const nextHalf = (h: number): number => (h % 3 === 2 ? h - 2 : h + 1);
 export const previousHalf = (h: number): number => (h % 3 ? h - 1 : h + 2);
 
-/** Items in stable order of their keys, which are below n. */
-function sortedBy(keys: Int32Array, n: number, items: Int32Array): Int32Array {
-  const at = new Int32Array(n + 1);
-  for (let i = 0; i < items.length; i++) at[keys[items[i]!]! + 1]!++;
-  for (let k = 0; k < n; k++) at[k + 1]! += at[k]!;
-  const out = new Int32Array(items.length);
-  for (let i = 0; i < items.length; i++) out[at[keys[items[i]!]!]!++] = items[i]!;
-  return out;
-}
-
-function numbers(n: number): Int32Array {
-  const out = new Int32Array(n);
-  for (let i = 0; i < n; i++) out[i] = i;
-  return out;
-}
-
 /** The edges of faces. Throws PayloadError where they are not a two-manifold, with boundary or without. */
 export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
-  const low = new Int32Array(n);
-  const high = new Int32Array(n);
-  for (let h = 0; h < n; h++) {
+  const list = (size: number): Int32Array => new Int32Array(size).fill(-1);
+  const ofHalf = new Int32Array(n);
+  const opposite = list(n);
+  const first = list(nVertices);
+  const after = list(n);
+  // Lists of half-edges by the greater end of their edge; then, made of them from the last on, by the smaller one. So
+  // each of these is in the order of the greater ends.
+  const byHigh = list(nVertices);
+  const afterHigh = list(n);
+  const byLow = list(nVertices);
+  const afterLow = list(n);
+  for (let h = n - 1; h >= 0; h--) {
     const a = faces[h]!;
     const b = faces[nextHalf(h)]!;
     if (a === b) fail(`face ${Math.floor(h / 3)} has a vertex twice`);
-    low[h] = Math.min(a, b);
-    high[h] = Math.max(a, b);
+    after[h] = first[a]!;
+    first[a] = h;
+    const high = a > b ? a : b;
+    afterHigh[h] = byHigh[high]!;
+    byHigh[high] = h;
   }
-  const byHigh = sortedBy(high, nVertices, numbers(n));
-  const order = sortedBy(low, nVertices, byHigh);
-  const ends: number[] = [];
-  const ofHalf = new Int32Array(n);
-  const opposite = new Int32Array(n).fill(-1);
-  for (let i = 0; i < n; i++) {
-    const h = order[i]!;
-    const before = order[i - 1];
-    if (before === undefined || low[h] !== low[before] || high[h] !== high[before]) {
-      ends.push(low[h]!, high[h]!);
-    } else if (opposite[before]! >= 0) {
-      fail(`the edge of vertices ${low[h]},${high[h]} has more than two faces`);
-    } else {
-      opposite[h] = before;
-      opposite[before] = h;
+  for (let v = nVertices - 1; v >= 0; v--) {
+    for (let h = byHigh[v]!; h >= 0; h = afterHigh[h]!) {
+      const low = faces[h] === v ? faces[nextHalf(h)]! : faces[h]!;
+      afterLow[h] = byLow[low]!;
+      byLow[low] = h;
     }
-    ofHalf[h] = ends.length / 2 - 1;
   }
-  const corners = sortedBy(faces, nVertices, numbers(n));
-  const first = new Int32Array(nVertices + 1).fill(n);
-  for (let i = n - 1; i >= 0; i--) first[faces[corners[i]!]!] = i;
-  const edges = { ends: new Int32Array(ends), ofHalf, opposite, corners, first };
+  const ends = new Int32Array(2 * n);
+  let count = 0;
+  for (let v = 0; v < nVertices; v++) {
+    let before = -1;
+    let last = -1;
+    for (let h = byLow[v]!; h >= 0; h = afterLow[h]!) {
+      const w = faces[h] === v ? faces[nextHalf(h)]! : faces[h]!;
+      if (w !== last) {
+        ends[2 * count] = v;
+        ends[2 * count++ + 1] = w;
+      } else if (opposite[before]! >= 0) {
+        fail(`the edge of vertices ${v},${w} has more than two faces`);
+      } else {
+        opposite[h] = before;
+        opposite[before] = h;
+      }
+      ofHalf[h] = count - 1;
+      before = h;
+      last = w;
+    }
+  }
+  const edges = { ends: ends.slice(0, 2 * count), ofHalf, opposite, first, after };
   checkFans(faces, edges);
   return edges;
 }
 
 /** Refuse two faces of the same vertices, and vertices whose faces are not one fan. */
-function checkFans(faces: Int32Array, { opposite, corners, first }: Edges): void {
+function checkFans(faces: Int32Array, { opposite, first, after }: Edges): void {
   for (let h = 0; h < faces.length; h += 3) {
     const f = Math.floor(opposite[h]! / 3);
     if (f >= 0 && f === Math.floor(opposite[h + 1]! / 3) && f === Math.floor(opposite[h + 2]! / 3)) {
       fail(`faces ${h / 3},${f} have the same vertices`);
     }
   }
-  for (let v = 0; v < first.length - 1; v++) {
-    const start = corners[first[v]!]!;
+  for (let v = 0; v < first.length; v++) {
+    const start = first[v]!;
     // The faces on the way round v from the first one: ahead to where it comes back or to a boundary, then back.
-    let met = 1;
+    let rest = 0;
+    for (let h = after[start]!; h >= 0; h = after[h]!) rest++;
     let h = start;
     for (let o = opposite[h]!; o >= 0; o = opposite[h]!) {
       h = faces[o] === v ? previousHalf(o) : nextHalf(o);
       if (h === start) break;
-      met++;
+      rest--;
     }
     if (opposite[h]! < 0) {
       h = previousHalf(start);
-      for (let o = opposite[h]!; o >= 0; o = opposite[h]!, met++) h = faces[o] === v ? previousHalf(o) : nextHalf(o);
+      for (let o = opposite[h]!; o >= 0; o = opposite[h]!, rest--) h = faces[o] === v ? previousHalf(o) : nextHalf(o);
     }
-    if (met < first[v + 1]! - first[v]!) fail(`the faces at vertex ${v} are more than one fan`);
+    if (rest) fail(`the faces at vertex ${v} are more than one fan`);
   }
 }
 

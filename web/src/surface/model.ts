@@ -4,6 +4,7 @@ import { SheetError, SurfaceError } from "../errors.js";
 import { type Mesh, placed } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { rotationMatrix } from "../rotation.js";
+import { adaptiveMesh, withoutUnused } from "./adaptive.js";
 import { type LimitMesh, limitMesh } from "./limit.js";
 import type { ControlMesh } from "./section.js";
 import { divide, nextVertices, type Topology } from "./subdivision.js";
@@ -11,12 +12,14 @@ import { windingNumber } from "./winding.js";
 
 const MAX_LEVEL = 6;
 const MAX_FACES = 2 ** 23; // of a mesh: half a gigabyte of arrays
-// The level that is taken by default is the finest one with at most so many triangles, but LEVELS_ENOUGH at most.
-const FACES_ENOUGH = 2 ** 15;
-const LEVELS_ENOUGH = 4;
+const UNKNOWN_ERROR = 2e-4; // of the diagonal: in place of the mean error where the file says nothing of it
+const MOST_TOLERANCE = 0.01; // of the diagonal, whatever the file says
 
 export interface SurfaceMeshOptions {
-  /** How often to subdivide: 0 to 6. By default as often as leaves at most 32,768 triangles, but 4 times at most. */
+  /**
+   * How often to subdivide: 0 to 6. By default as often, place by place, as keeps the triangles within half the file's
+   * own mean error of the surface.
+   */
   level?: number;
 }
 
@@ -44,9 +47,12 @@ export class SurfaceModel extends Shape {
     return edges.opposite.every((o, h) => o < 0 || faces[o] !== faces[h]);
   }
 
-  /** The mesh of a level of subdivision, its vertices on the limit surface. Throws OptionError or SurfaceError. */
-  async toMesh({ level = this.defaultLevel() }: SurfaceMeshOptions = {}): Promise<Mesh> {
-    const { points, normals, index } = this.limit(level);
+  /**
+   * A mesh: by default as fine as the file's error asks for; of a level, its vertices on the limit surface. Throws
+   * OptionError or SurfaceError.
+   */
+  async toMesh({ level }: SurfaceMeshOptions = {}): Promise<Mesh> {
+    const { points, normals, index } = level === undefined ? withoutUnused(this.adaptive()) : this.limit(level);
     return { ...placed(points, this.centre, this.scale), normals, index };
   }
 
@@ -56,7 +62,7 @@ export class SurfaceModel extends Shape {
       throw new SheetError("the file holds a sheet, which has no inside");
     }
     if (!this.winding) {
-      const { points, index, further } = this.limit(this.defaultLevel());
+      const { points, index, further } = this.adaptive();
       const n = points.length / 3 - further.length;
       this.winding = windingNumber(points, index.map((sector) => further[sector - n] ?? sector));
     }
@@ -66,24 +72,25 @@ export class SurfaceModel extends Shape {
     );
   }
 
+  /** The mesh by default, in the normalised frame. */
+  private adaptive(): LimitMesh {
+    const { meanError, p99Error } = this.metadata;
+    return adaptiveMesh(
+      this.topology(),
+      this.controlVertices(),
+      (diagonal) => (meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal),
+      this.oriented,
+    );
+  }
+
   /** The limit surface after `number` steps of subdivision, in the normalised frame. */
   private limit(number: number): LimitMesh {
     whole("level", number, 0, MAX_LEVEL);
-    const { faces, edges, sharp } = this.control;
-    const nFaces = (faces.length / 3) * 4 ** number;
+    const nFaces = (this.control.faces.length / 3) * 4 ** number;
     if (nFaces > MAX_FACES) {
       throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${MAX_FACES} are allowed`);
     }
-    const { ofHalf, opposite, ends, first } = edges;
-    let mesh: Topology = {
-      faces, ofHalf, opposite, sharp,
-      valences: new Int32Array(first.length - 1),
-      sharpness: new Int32Array(first.length - 1),
-    };
-    for (let i = 0; i < ends.length; i++) {
-      mesh.valences[ends[i]!]!++;
-      mesh.sharpness[ends[i]!]! += sharp[i >> 1]!;
-    }
+    let mesh = this.topology();
     let vertices = this.controlVertices();
     for (let k = 0; k < number; k++) {
       if (k) mesh = divide(mesh);
@@ -92,21 +99,29 @@ export class SurfaceModel extends Shape {
     return limitMesh(mesh, vertices, number > 0);
   }
 
+  private topology(): Topology {
+    const { faces, edges, sharp } = this.control;
+    const { ofHalf, opposite, ends, first } = edges;
+    const valences = new Int32Array(first.length);
+    const sharpness = new Int32Array(first.length);
+    for (let i = 0; i < ends.length; i++) {
+      valences[ends[i]!]!++;
+      sharpness[ends[i]!]! += sharp[i >> 1]!;
+    }
+    return { faces, ofHalf, opposite, sharp, valences, sharpness };
+  }
+
   /** Control vertices in the normalised frame, three coordinates each. */
   controlVertices(): Float64Array {
     const { positions, step, quaternion } = this.control;
     const r = rotationMatrix(quaternion);
     const out = new Float64Array(positions.length);
-    for (let i = 0; i < out.length; i++) {
-      const k = i % 3;
-      const at = i - k;
-      out[i] = step * (r[k]! * positions[at]! + r[3 + k]! * positions[at + 1]! + r[6 + k]! * positions[at + 2]!);
+    for (let i = 0; i < out.length; i += 3) {
+      const x = step * positions[i]!;
+      const y = step * positions[i + 1]!;
+      const z = step * positions[i + 2]!;
+      for (let k = 0; k < 3; k++) out[i + k] = r[k]! * x + r[3 + k]! * y + r[6 + k]! * z;
     }
     return out;
-  }
-
-  private defaultLevel(): number {
-    const times = Math.floor(Math.log2((3 * FACES_ENOUGH) / this.control.faces.length) / 2);
-    return Math.min(Math.max(times, 0), LEVELS_ENOUGH);
   }
 }

@@ -21,40 +21,42 @@ export function decodePositions(
   const near = new Int32Array(nVertices).fill(-1);
   const foretelling = new Int32Array(nVertices); // how many faces foretell a vertex that is not placed
   const queues = [new Queue(), new Queue(), new Queue()];
-  const foretold = new SignedModel(); // C
-  const others = new SignedModel(); // I
-  const { opposite, corners, first } = edges;
-  const sums = new Float64Array(3);
+  const told = new SignedModel();
+  const untold = new SignedModel();
+  const { opposite, first, after } = edges;
   let last = -1;
 
   const place = (v: number): void => {
     const m = foretelling[v]!;
     const from = near[v]! < 0 ? last : near[v]!;
-    sums.fill(8 * m);
+    let guessX = 8 * m;
+    let guessY = guessX;
+    let guessZ = guessX;
     // The faces that foretell v lie across the edges opposite to it.
-    for (let i = first[v]!; m && i < first[v + 1]!; i++) {
-      const h = opposite[nextHalf(corners[i]!)]!;
-      if (h < 0 || missing[Math.floor(h / 3)]) continue;
-      const x = 3 * faces[h]!;
-      const y = 3 * faces[nextHalf(h)]!;
-      const z = 3 * faces[previousHalf(h)]!;
-      for (let k = 0; k < 3; k++) sums[k]! += (8 + eighths) * (at[x + k]! + at[y + k]!) - 2 * eighths * at[z + k]!;
+    for (let corner = m ? first[v]! : -1; corner >= 0; corner = after[corner]!) {
+      const h = opposite[nextHalf(corner)]!;
+      if (h < 0 || missing[(h / 3) | 0]) continue;
+      const a = 3 * faces[h]!;
+      const b = 3 * faces[nextHalf(h)]!;
+      const c = 3 * faces[previousHalf(h)]!;
+      guessX += (8 + eighths) * (at[a]! + at[b]!) - 2 * eighths * at[c]!;
+      guessY += (8 + eighths) * (at[a + 1]! + at[b + 1]!) - 2 * eighths * at[c + 1]!;
+      guessZ += (8 + eighths) * (at[a + 2]! + at[b + 2]!) - 2 * eighths * at[c + 2]!;
     }
-    for (let k = 0; k < 3; k++) {
-      const guess = m ? Math.floor(sums[k]! / (16 * m)) : from < 0 ? 0 : at[3 * from + k]!;
-      const x = guess + (m ? foretold : others).decode(coder);
-      if (Math.abs(x) > MAX_POSITION) {
-        throw new PayloadError(`vertex ${v} of the control mesh lies beyond ${MAX_POSITION} grid units`);
-      }
-      at[3 * v + k] = x;
+    if (m) {
+      put(3 * v, Math.floor(guessX / (16 * m)) + told.decode(coder));
+      put(3 * v + 1, Math.floor(guessY / (16 * m)) + told.decode(coder));
+      put(3 * v + 2, Math.floor(guessZ / (16 * m)) + told.decode(coder));
+    } else {
+      for (let k = 0; k < 3; k++) put(3 * v + k, (from < 0 ? 0 : at[3 * from + k]!) + untold.decode(coder));
     }
     placed[v] = 1;
     last = v;
-    for (let i = first[v]!; i < first[v + 1]!; i++) {
-      const f = Math.floor(corners[i]! / 3);
-      const full = --missing[f]! === 0;
-      for (let h = 3 * f; h < 3 * f + 3; h++) {
-        if (full) {
+    for (let corner = first[v]!; corner >= 0; corner = after[corner]!) {
+      const start = corner - (corner % 3);
+      const isFull = --missing[start / 3]! === 0;
+      for (let h = start; h < start + 3; h++) {
+        if (isFull) {
           const o = opposite[h]!;
           const w = o < 0 ? v : faces[previousHalf(o)]!;
           if (placed[w]) continue;
@@ -70,9 +72,16 @@ export function decodePositions(
     }
   };
 
+  const put = (i: number, x: number): void => {
+    if (x > MAX_POSITION || x < -MAX_POSITION) {
+      throw new PayloadError(`vertex ${(i / 3) | 0} of the control mesh lies beyond ${MAX_POSITION} grid units`);
+    }
+    at[i] = x;
+  };
+
   const next = (): number => {
     for (let count = 2; count >= 0; count--) {
-      for (let v = queues[count]!.take(); v !== undefined; v = queues[count]!.take()) {
+      for (let v = queues[count]!.take(); v >= 0; v = queues[count]!.take()) {
         if (!placed[v] && Math.min(foretelling[v]!, 2) === count) return v;
       }
     }

@@ -1,17 +1,14 @@
-/** First in, first out. */
+/** First in, first out, of numbers from 0. */
 export class Queue {
-  private items: number[] = [];
+  private readonly items: number[] = [];
   private at = 0;
 
   push(item: number): void {
     this.items.push(item);
   }
 
-  /** The first item, taken out; undefined when there is none. */
-  take(): number | undefined {
-    if (this.at < this.items.length) return this.items[this.at++];
-    this.items = [];
-    this.at = 0;
-    return undefined;
+  /** The first item, taken out; -1 when there is none. */
+  take(): number {
+    return this.at < this.items.length ? this.items[this.at++]! : -1;
   }
 }

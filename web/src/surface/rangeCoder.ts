@@ -20,12 +20,16 @@ const SIGN = -(2 ** 31); // flipping the sign bits of two int32 compares them as
 
 /** `range` and `code` are int32 that stand for unsigned numbers: those are fast from the first call on. */
 export class RangeDecoder {
-  private range = -1;
+  private range = 0;
   private code = 0;
   private at = 0;
+  private readonly bytes: Uint8Array;
 
-  constructor(private readonly bytes: Uint8Array) {
-    for (let k = 0; k < LOOKAHEAD; k++) this.code = (this.code << 8) | this.next();
+  constructor(bytes: Uint8Array) {
+    this.bytes = new Uint8Array(bytes.length + LOOKAHEAD);
+    this.bytes.set(bytes);
+    while (this.at < LOOKAHEAD) this.widen();
+    this.range = -1;
   }
 
   bit(context: Context): number {
@@ -67,23 +71,17 @@ export class RangeDecoder {
   finish(): void {
     const { at, bytes } = this;
     let last = 0;
-    for (let k = at - LOOKAHEAD; k < at; k++) last = last * 256 + (bytes[k] ?? 0);
+    for (let k = at - LOOKAHEAD; k < at; k++) last = last * 256 + bytes[k]!;
     const low = (last - this.code) >>> 0;
     const value = low === 0 || low + (this.range >>> 0) > 2 ** 32 ? 0 : Math.ceil(low / 2 ** 24) * 2 ** 24;
-    if (last !== value || bytes.length !== at - LOOKAHEAD + (value ? 1 : 0)) {
+    if (last !== value || bytes.length !== at + (value ? 1 : 0)) {
       throw new PayloadError("the surface section goes on after its last symbol, or is damaged");
     }
   }
 
   private widen(): void {
+    if (this.at === this.bytes.length) throw new TruncatedError("the surface section ends inside its symbols");
     this.range <<= 8;
-    this.code = (this.code << 8) | this.next();
-  }
-
-  private next(): number {
-    if (this.at === this.bytes.length + LOOKAHEAD) {
-      throw new TruncatedError("the surface section ends inside its symbols");
-    }
-    return this.bytes[this.at++] ?? 0;
+    this.code = (this.code << 8) | this.bytes[this.at++]!;
   }
 }

@@ -1,7 +1,7 @@
 /** Loads `.cndhf` files as geometries of three.js; used as DRACOLoader is. */
 import { type BufferGeometry, FileLoader, Loader, type LoadingManager } from "three";
 import { decode, type DhfMeshOptions, type Mesh, type SurfaceMeshOptions } from "../index.js";
-import { MeshWorkers } from "../workers.js";
+import { MeshWorkers, WorkerError } from "../workers.js";
 import { geometryOf } from "./geometry.js";
 
 const WORKERS = 2; // at most, at first
@@ -82,8 +82,17 @@ export class CNDHFLoader extends Loader<BufferGeometry> {
     const { level, resolution } = this.options;
     if (model.representation === "surface") return model.toMesh(level === undefined ? {} : { level });
     const options = resolution === undefined ? {} : { resolution };
-    if (!this.limit) return model.toMesh(options);
-    this.workers ??= new MeshWorkers(this.limit);
-    return this.workers.mesh(bytes, options);
+    if (this.limit) {
+      this.workers ??= new MeshWorkers(this.limit);
+      try {
+        return await this.workers.mesh(bytes, options);
+      } catch (error) {
+        if (!(error instanceof WorkerError)) throw error;
+        // Some bundlers leave worker.js out, and a page may not start that of another origin.
+        console.warn(`cndhf: no worker (${error.message}); the page itself makes the meshes`);
+        this.setWorkerLimit(0);
+      }
+    }
+    return model.toMesh(options);
   }
 }
