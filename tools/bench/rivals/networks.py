@@ -120,8 +120,8 @@ def round_weights(network: Network) -> list[bytes]:
 def rounded(network: Network, samples: Samples, steps: int, seed: int) -> tuple[Network, int]:
     """The network as it comes back from a file, and the bytes of the file: weights of 8 bits, and zstd.
 
-    Rounding is trained for, a tenth of `steps`: without it, a SIREN of 4,801 weights needed 6,596 bytes to keep its loss
-    within a tenth.
+    Rounding is trained for, a tenth of `steps`: without it, a SIREN of 4,801 weights needed 6,596 bytes to keep its
+    loss within a tenth.
     """
     other = copy.deepcopy(network)
     train(other, samples, max(1, steps // 10), seed, rounding=True)
