@@ -353,7 +353,7 @@ class Model:
         -------
         ndarray of float64, shape (...)
             In input units: the distance from the mesh that `to_mesh()` makes by default, exact up to rounding. So it is
-            off by what that mesh is: of a surface, by less than the file's mean error, but next to few of its edges.
+            off by what that mesh is: of a surface, by less than half the file's mean error, but next to few of its edges.
             -inf for a point that is not finite; NaN for one with a NaN.
 
         Raises
@@ -540,9 +540,9 @@ class Model:
         By default there are as many triangles as the file's own measured error needs. Double height fields: marching
         cubes with cells of twelve mean errors (128 to 256 along the longest side), simplified by half the mean error,
         which adds 2 to 4 % to it; by intersection where walls are thinner than a cell; at 256, not simplified, where
-        the file holds no error. A surface: subdivided, place by place, until its edges are within the mean error of it,
-        but for a tenth of those of the finest level at most; within 0.02 % of the diagonal where the file holds no
-        error. That adds 0 to 4 % to the mean error. There are at most 524,288 triangles.
+        the file holds no error. A surface: subdivided, place by place, until its edges are within half the mean error
+        of it, but for a tenth of those of the finest level at most; within 0.02 % of the diagonal where the file holds
+        no error. That adds less than 1 % to the mean error. There are at most 524,288 triangles.
 
         Parameters
         ----------

@@ -355,28 +355,28 @@ def test_a_default_mesh_is_as_fine_as_the_files_error_asks_for(make):
     model = make()
     exact = model.surface(level=6).vertices
     counts = []
-    for mean in (1e-2, 1e-3, 1e-4):
+    for mean in (2e-2, 2e-3, 2e-4):
         vertices, faces = measured(model, mean).surface()
         counts.append(len(faces))
         off = TriangleQueries(vertices, faces).nearest(exact).distance
-        assert off.mean() < mean / 2
-        assert np.quantile(off, 0.9) < mean
+        assert off.mean() < mean / 4
+        assert np.quantile(off, 0.9) < mean / 2
         # A level less would be off by about four times as much.
-        assert off.max() > mean / 6
-    assert 4 * counts[0] < 2 * counts[1] < counts[2]
+        assert off.max() > mean / 12
+    assert 2 * counts[0] < counts[1] < counts[2] / 2
 
 
 def test_a_file_that_states_no_error_has_a_mesh_within_a_share_of_the_diagonal():
     ball = surfaces.ball()
     diagonal = np.linalg.norm(np.ptp(ball.surface(level=0).vertices, axis=0))
-    wanted = measured(ball, 2e-4 * diagonal).surface()
+    wanted = measured(ball, 4e-4 * diagonal).surface()
     for same in (ball, measured(ball, 0.0)):
         np.testing.assert_array_equal(same.surface().faces, wanted.faces)
 
 
 def test_whatever_a_file_states_of_its_error_the_mesh_keeps_its_shape():
     ball = surfaces.ball()
-    wild, most = (measured(ball, mean).surface() for mean in (1e30, 0.01 * np.sqrt(12)))
+    wild, most = (measured(ball, mean).surface() for mean in (1e30, 0.02 * np.sqrt(12)))
     assert len(wild.faces) >= len(most.faces) > 8
 
 

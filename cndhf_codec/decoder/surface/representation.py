@@ -30,7 +30,7 @@ from .normals import limit_normals, sectors_of, with_normals
 from .subdivision import Topology, topology_of
 
 # Evidence for these constants: ADR 038.
-TOLERANCE = 1.0  # times the file's mean error: how far an edge of a default mesh may be from the surface
+TOLERANCE = 0.5  # times the file's mean error: how far an edge of a default mesh may be from the surface
 UNKNOWN_ERROR = "0.02%"  # of the diagonal: in its place where the file says nothing of its error
 # So many edges of the finest level need not keep to it: where many faces meet, and where the surface bends most, they
 # are ten times as far off as on average.

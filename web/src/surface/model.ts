@@ -17,8 +17,8 @@ const MOST_TOLERANCE = 0.01; // of the diagonal, whatever the file says
 
 export interface SurfaceMeshOptions {
   /**
-   * How often to subdivide: 0 to 6. By default as often, place by place, as keeps the triangles within the file's own
-   * mean error of the surface.
+   * How often to subdivide: 0 to 6. By default as often, place by place, as keeps the triangles within half the file's
+   * own mean error of the surface.
    */
   level?: number;
 }
@@ -78,7 +78,7 @@ export class SurfaceModel extends Shape {
     return adaptiveMesh(
       this.topology(),
       this.controlVertices(),
-      (diagonal) => (meanError && p99Error ? Math.min(meanError / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal),
+      (diagonal) => (meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal),
       this.oriented,
     );
   }
