@@ -353,8 +353,8 @@ class Model:
         -------
         ndarray of float64, shape (...)
             In input units: the distance from the mesh that `to_mesh()` makes by default, exact up to rounding. So it is
-            off by what that mesh is: of a surface, by less than half the file's mean error, but next to few of its edges.
-            -inf for a point that is not finite; NaN for one with a NaN.
+            off by what that mesh is: of a surface, by less than half the file's mean error, but next to few of its
+            edges. -inf for a point that is not finite; NaN for one with a NaN.
 
         Raises
         ------
