@@ -32,7 +32,6 @@ from paper_report import COLUMNS, KEY, METHODS, RIVALS, load_rows, report, save_
 from rate_distortion import Row, mesh_path
 from rivals import networks
 from rivals.samples import Samples, samples_of
-from tqdm import tqdm
 
 import cndhf_codec
 from cndhf_codec.encoder.paper.axes import choose_axes
@@ -197,7 +196,8 @@ def main(
     missing = [w for w in wanted if w not in have]
     shape: Shape | None = None
     failed = []
-    for name, method, level, seed in tqdm(missing, unit="row"):
+    for k, (name, method, level, seed) in enumerate(missing):
+        click.echo(f"{k + 1} of {len(missing)}: {name}, {method}, level {level}, seed {seed}")
         if shape is None or shape.name != name:
             shape = Shape(name, cache, share)
         if name not in {r["mesh"] for r in covered}:
