@@ -57,6 +57,8 @@ class Model:
         Sizes of the sections of the file that the container was read from, as `format.section_sizes` gives them.
     limits : Limits, optional
         How much work and memory surfaces and grids may take.
+    body : bytes, optional
+        Of the section of the container's surface, where it has been encoded already.
 
     Attributes
     ----------
@@ -87,7 +89,7 @@ class Model:
     ) -> None:
         if not isinstance(container, fmt.Container):
             raise OptionError(f"a format.Container is needed; got {type(container).__name__}: see load and loads")
-        self.container = container
+        self._container = container
         self.limits = Limits() if limits is None else limits
         self._sections, self._body = sections, body
         self._shape: Representation = (
@@ -96,6 +98,10 @@ class Model:
         self._centre = np.array(container.centre, dtype=np.float64)
         # What `encode` did, a `cndhf_codec.Report`; None for a model that was read.
         self.report: Any = None
+
+    @property
+    def container(self) -> fmt.Container:
+        return self._container
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Cells and tables can be made again, and their lock cannot be copied.

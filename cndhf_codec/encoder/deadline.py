@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import time
 
-VERIFY_SHARE = 0.1  # of a time limit; the rest is for the encode
-
 
 class Deadline:
     """A time limit of some seconds from now, by default infinitely many."""

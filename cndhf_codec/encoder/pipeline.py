@@ -31,7 +31,7 @@ from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
 from ..mesh.unite import united
-from .deadline import VERIFY_SHARE, Deadline
+from .deadline import Deadline
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
 from .report import Other, Report, unseen
@@ -39,6 +39,7 @@ from .settings import DhfSettings, PaperSettings, Plan, Preset, Representation, 
 from .size_search import ErrorLimits, smallest_file
 from .thread_pool import ThreadPool
 
+VERIFY_SHARE = 0.1  # of a time limit
 # Evidence for these constants: ADR 037.
 # Height fields, which answer queries without a mesh, are kept where they have at most so much of a surface's error.
 AS_GOOD = 1.05
@@ -160,7 +161,8 @@ def encode(
     threads = processors() if threads is None else whole_in(threads, "threads", 1)
     seed = check_seed(seed)
     # Fail before any work is done where a library is missing or a name cannot be stored.
-    require_all(("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl"), "encode")
+    libraries = ("numba", "scipy", "embreex", "igl", "trimesh", "threadpoolctl")
+    require_all((*libraries, "manifold3d") if solid else libraries, "encode")
     if plan.dhf is not None:
         require_all(("torch",), "encode")
     named = Path(source).name if source_name and isinstance(source, (str, os.PathLike)) else None
@@ -178,7 +180,13 @@ def encode(
         given, report.united = united(as_solid(given, wall), seed)
         wall = None
     run = _Run(given, wall, metadata, seed, threads, report, clock, limits)
-    model = run.planned(plan, deadline)
+    if plan.surface is None:
+        model = run.planned(plan, deadline)
+    else:
+        from .surface.threads import compiled_threads
+
+        with compiled_threads(threads):
+            model = run.planned(plan, deadline)
     if seconds < math.inf and model.report.poor:
         raise EncodeError(
             f"within the time limit of {seconds:g} s only a poor fit was reached ({model.report.poor[0]}); allow more "
@@ -292,14 +300,14 @@ class _Run:
         try:
             surface = self._best(_Surfaces(), plan.surface, deadline)
         except EncodeError as failure:
-            # A few hundred bytes do not hold a surface of many parts; they may hold height fields.
-            if plan.dhf is None:
+            # A few hundred bytes do not hold a surface of many parts; they may hold height fields. These take minutes:
+            # a time limit leaves them out.
+            if plan.dhf is None or deadline.passed() > 0:
                 raise
             try:
                 return self._best(fields, plan.dhf, deadline)
             except MeshError:
                 raise failure from None
-        # Height fields take minutes: a time limit leaves them out.
         if plan.dhf is None or deadline.passed() > 0:
             return surface
         assert isinstance(plan.dhf, DhfSettings)

@@ -38,6 +38,7 @@ COURSES = (
 # What a user knows of the work.
 WORDS = {
     "read": "reading the mesh",
+    "unite": "uniting parts",
     "axes": "looking from all sides",
     "plan": "choosing views",
     "simplify": "simplifying",
@@ -60,6 +61,7 @@ class Estimate:
 
     def update(self, stage: str, fraction: float, now: float) -> None:
         """The stage that runs, and how much of it is done, 0 to 1; now: seconds."""
+        stage = "read" if stage == "unite" else stage  # a part of some encodes alone, and about as long
         if not self._seen or self._seen[-1] != stage:
             self._seen.append(stage)
             self._stage_start = now

@@ -54,7 +54,12 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], asked: st
     size, best = FIRST_SIZE, None
     fails, meets = (0, math.inf), (0, 0.0)  # largest size that fails, smallest that meets the limit; errors
     for k in range(TRIES):
-        result, error = attempt(size, TRIES - 1 - k)
+        try:
+            result, error = attempt(size, TRIES - 1 - k)
+        except EncodeError:  # of a size that holds nothing, or for want of time
+            if best is None:
+                raise
+            break
         if error <= 1:
             best, meets = result, (size, error)
         elif size > fails[0]:

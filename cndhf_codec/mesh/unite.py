@@ -109,7 +109,9 @@ def _union(vertices: F64, parts: list[I64], name: str) -> tuple[F64, I64]:
         used, numbers = np.unique(faces, return_inverse=True)
         solids.append(manifold3d.Manifold(manifold3d.Mesh64(vertices[used], numbers.reshape(-1, 3).astype(np.uint64))))
     whole = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
-    if whole.status() != manifold3d.Error.NoError or whole.is_empty():
+    if whole.status() == manifold3d.Error.NoError and whole.is_empty():
+        raise MeshError(f"{name}: its parts enclose nothing; leave --solid out")
+    if whole.status() != manifold3d.Error.NoError:
         raise MeshError(
             f"{name}: its parts cannot be united (manifold3d says {whole.status().name}); leave --solid out, or unite "
             "them in a modelling program"

@@ -165,6 +165,9 @@ def test_what_no_surface_can_hold_may_be_height_fields(creature, monkeypatch):
     assert encode_quietly(creature, target_size=900)[0].representation == "dhf"
     with pytest.raises(EncodeError, match="no surface"):
         encode_quietly(creature, preset="fast", target_size=900)
+    # Height fields take minutes: a time limit leaves them out, and the reason is the surface's.
+    with pytest.raises(EncodeError, match="no surface"):
+        encode_quietly(creature, target_size=900, time_limit=600)
     # A sheet can be neither: the reason is the surface's.
     with pytest.raises(EncodeError, match="no surface"):
         encode_quietly(square(2), target_size=900)

@@ -69,8 +69,16 @@ def test_nothing_is_told_before_anything_is_known():
     assert estimate.left(5.0) == pytest.approx(1.0)
 
 
+def test_uniting_parts_changes_no_course():
+    plain, united = Estimate(0.0), Estimate(0.0)
+    for estimate, stages in ((plain, ("read", "simplify", "fit")), (united, ("read", "unite", "simplify", "fit"))):
+        for k, stage in enumerate(stages):
+            estimate.update(stage, 0.5, float(k))
+    assert united.done == plain.done
+
+
 def test_all_stages_have_words():
-    assert {stage for course in COURSES for stage in course} == set(WORDS)
+    assert {stage for course in COURSES for stage in course} | {"unite"} == set(WORDS)
 
 
 class Terminal(io.StringIO):

@@ -90,6 +90,18 @@ def test_an_error_and_a_size_exclude_each_other(creature):
         encode_quietly(creature, preset="fast", representation="dhf", time_limit=0)
 
 
+def test_what_was_found_is_kept_where_a_later_size_fails():
+    def attempt(size, more):
+        if size < 4000:
+            raise EncodeError("no time")
+        return size, 4000 / size
+
+    found = size_search.smallest_file(attempt, "a mean error of 1")
+    assert found >= 4000
+    with pytest.raises(EncodeError, match="no time"):
+        size_search.smallest_file(lambda size, more: attempt(1000, more), "a mean error of 1")
+
+
 def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
     endless = settings.replace(settings.PRESETS["fast"], steps=10**7, joint_steps=10**7, round_steps=10**7)
     monkeypatch.setitem(settings.PRESETS, "fast", endless)

@@ -70,6 +70,14 @@ test("surfaces are closed and face outward", async () => {
   }
 });
 
+/** A mesh whose vertices at one place are one: on a sharp edge there is one per side. */
+function welded({ positions, index }) {
+  const first = new Map();
+  const at = (v) => positions.slice(3 * v, 3 * v + 3).join();
+  index.forEach((v) => first.has(at(v)) || first.set(at(v), v));
+  return { positions, index: index.map((v) => first.get(at(v))) };
+}
+
 test("default meshes of surfaces have as many triangles as those of the Python package, and no gaps", async () => {
   const shapes = JSON.parse(readFileSync(new URL("silhouettes.json", import.meta.url)));
   for (const [path, { triangles }] of Object.entries(shapes)) {
@@ -78,7 +86,7 @@ test("default meshes of surfaces have as many triangles as those of the Python p
     const mesh = await model.toMesh();
     assert.equal(mesh.index.length / 3, triangles, path);
     assert.ok(mesh.index.every((v) => v < mesh.positions.length / 3), path);
-    if (path.endsWith("surface-smooth.cndhf")) assert.ok(solid(mesh).closed);
+    if (model.closed && model.oriented) assert.ok(solid(welded(mesh)).closed, path);
   }
 });
 

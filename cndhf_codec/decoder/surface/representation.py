@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -185,9 +186,10 @@ class SurfaceRepresentation:
             # The default mesh has triangles where they are needed. But rims are kept, and it may have them finer than
             # `faces` allows.
             if self.closed and self.oriented and all(own * 4**k != most for k in range(MAX_LEVEL)):
-                default = self._default(limits)
-                if len(default.corners) > most:
-                    return default
+                with suppress(SurfaceError):  # limits may allow a coarser level alone
+                    default = self._default(limits)
+                    if len(default.corners) > most:
+                        return default
             # From twice as many triangles and more, there is a choice of what to leave out.
             enough = (k for k in range(MAX_LEVEL) if own * 4**k == most or own * 4**k >= 2 * most)
             return _Chosen.whole(self._at(next(enough, MAX_LEVEL), limits))

@@ -47,7 +47,7 @@ class Tree:
         return Closest(np.sqrt(squared), self.order[at], nearest)
 
 
-@nb.njit(cache=True, parallel=True, nogil=True)
+@nb.njit(cache=True, parallel=True)
 def _split(vertices: F64, faces: I64) -> I64:
     """An order of faces in which each node of the tree has a half of the faces of its parent: those whose centres come
     first along the longest side of the centres' box."""
@@ -107,7 +107,7 @@ def _select(key: F64, order: I64, low: int, high: int, middle: int) -> None:
             return
 
 
-@nb.njit(cache=True, parallel=True, nogil=True)
+@nb.njit(cache=True, parallel=True)
 def _gathered(vertices: F64, faces: I64, order: I64) -> F64:
     """(M, 3, 3) the corners of faces, in an order."""
     corners = np.empty((len(order), 3, 3))
@@ -118,7 +118,7 @@ def _gathered(vertices: F64, faces: I64, order: I64) -> F64:
     return corners
 
 
-@nb.njit(cache=True, parallel=True, nogil=True)
+@nb.njit(cache=True, parallel=True)
 def _boxes(corners: F64) -> F64:
     """(2 P, 6) boxes, least corners and greatest: that of node i holds those of 2 i and 2 i + 1; the leaves are the
     last P. Those without faces are turned inside out, and infinitely far away."""
@@ -214,7 +214,7 @@ def _share(along: float, whole: float) -> float:
     return min(max(along / whole, 0.0), 1.0) if whole > 0 else 0.0
 
 
-@nb.njit(cache=True, parallel=True, nogil=True)
+@nb.njit(cache=True, parallel=True)
 def _nearest(corners: F64, boxes: F64, points: F64) -> tuple[F64, I64, F64]:
     n, first = len(points), len(boxes) // 2
     squared, at, nearest = np.empty(n), np.empty(n, dtype=np.int64), np.empty((n, 3))

@@ -26,7 +26,7 @@ from ...errors import EncodeError
 from ...format import ControlMesh
 from ...format.bfloat16 import above
 from ...format.surface.section import UNTURNED, PositionEncoder
-from ..deadline import VERIFY_SHARE, Deadline, Pace
+from ..deadline import Deadline, Pace
 from ..progress import Stage
 from .creases import Fitted, fit_smooth, fit_with_creases
 from .cut import Manifold, cut
@@ -54,7 +54,8 @@ LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2
 
 
 class Sized(NamedTuple):
-    """A control mesh and the bytes of its section. error: mean distance, after rounding."""
+    """A control mesh and the bytes of its section. error: mean distance; after rounding, but for
+    a first try."""
 
     mesh: ControlMesh
     body: bytes
@@ -70,7 +71,7 @@ def surface_of_size(
     on_step = stage("fit", TRIES + len(others) + settings.edits)
     simplify = _Simplify(given, round(START * wanted))
     best: tuple[Sized, Manifold, Fitted] | None = None
-    pace, rounds = Pace(deadline), settings.rounds
+    pace, rounds, first = Pace(deadline), settings.rounds, 0.0
     for k in range(TRIES):
         mesh = simplify.to(round(wanted))
         final = k > 0
@@ -90,7 +91,13 @@ def surface_of_size(
         if final and (full or (whole and len(sized.body) <= size) or (best is not None and not more)):
             break
         if k == 0:
-            rounds = _affordable(rounds, pace.last, deadline, size)
+            first = pace.last
+            if deadline.left() < LEAST_TRY * first:
+                raise EncodeError(
+                    "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
+                )
+        left = max(deadline.left() - LEAST_TRY * first, 0.0)
+        rounds = int(min(settings.rounds, left / (ROUND_SHARE * first)))
         wanted = min(max(wanted * size / len(sized.body), LEAST_FACES), len(given.faces))
     if best is None:
         return sized
@@ -107,7 +114,7 @@ def surface_of_size(
         if len(sized.body) <= size and sized.error < best[0].error:
             best = sized, mesh, one
     sized, mesh, one = best
-    if settings.edits == 0:
+    if settings.edits == 0 or deadline.left() < pace.last:
         return sized
     before = TRIES + len(others)
     mesh, one = edited(
@@ -125,20 +132,6 @@ def surface_of_size(
     again = _rounded(one._replace(control=control, error=error), mesh, target, size)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
-
-
-def _affordable(rounds: int, first: float, deadline: Deadline, size: int) -> int:
-    """How many rounds a try may take. first: seconds of the first one, which chooses no creases and has few rounds.
-
-    Raises EncodeError where there is no time for any.
-    """
-    least = LEAST_TRY * first
-    if deadline.left() < least:
-        raise EncodeError(
-            f"the time limit is too short: a surface of {size} bytes of this mesh takes about "
-            f"{(deadline.gone() + least) / (1 - VERIFY_SHARE):.0f} seconds here; allow more time, or use a smaller size"
-        )
-    return int(min(rounds, (deadline.left() - least) / (ROUND_SHARE * first)))
 
 
 class _Simplify:

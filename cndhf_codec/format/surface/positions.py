@@ -6,8 +6,7 @@ A vertex w across an edge (x, y) from a placed face (x, y, z) is *foretold* by t
 
 For s = 1 that is the parallelogram of Touma and Gotsman (1998). The faces of a coarse mesh of a curved surface are
 bent against each other, and there a smaller s is nearer; on flat parts whose vertices repeat coordinates s = 1 is
-exact.
-So the file says s, in eighths. Where several faces foretell a vertex, the mean is taken.
+exact. So the file says s, in eighths. Where several faces foretell a vertex, the mean is taken.
 
 The next vertex is always one that is foretold by as many faces as any (counted up to 2), and of these the one that
 was first to be so. Residuals share one set of contexts: with few hundred vertices, more sets learn too slowly to pay.

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from cndhf_codec.encoder.surface.nearest import Tree
+from cndhf_codec.encoder.surface.threads import compiled_threads
 
 
 def arrays(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
@@ -66,3 +67,12 @@ def test_equal_answers_whatever_the_threads():
             numba.set_num_threads(before)
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_an_encode_uses_no_more_threads_than_it_may():
+    before = numba.get_num_threads()
+    with compiled_threads(1):
+        assert numba.get_num_threads() == 1
+    with compiled_threads(1000):
+        assert numba.get_num_threads() == numba.config.NUMBA_NUM_THREADS
+    assert numba.get_num_threads() == before

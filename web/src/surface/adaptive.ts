@@ -144,7 +144,7 @@ function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64
  * Move smooth vertices off the surface by a quarter of their height over the mean of their neighbours: then the
  * triangles are as much outside as inside of it.
  */
-function balance({ points, index }: LimitMesh, isSmooth: (vertex: number) => boolean): void {
+function balance({ points, index, further }: LimitMesh, isSmooth: (vertex: number) => boolean): void {
   const n = points.length;
   const normals = new Float64Array(n);
   const sums = new Float64Array(n);
@@ -163,7 +163,8 @@ function balance({ points, index }: LimitMesh, isSmooth: (vertex: number) => boo
       }
     }
   }
-  for (let v = 0; v < n / 3; v++) {
+  // What is further lies on a sharp edge.
+  for (let v = 0; v < n / 3 - further.length; v++) {
     let height = 0;
     let square = 0;
     for (let i = 3 * v; i < 3 * v + 3; i++) {
