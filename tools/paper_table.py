@@ -48,12 +48,12 @@ COLUMNS = [
 KEY = ("mesh", "level", "fields", "width", "steps", "loss")
 
 
-def printed(figures: Path) -> dict[tuple[str, int], tuple[int, float]]:
-    """Parameters and CD-paper of the paper, by name and level of detail: 1 to 4 are about 5, 10, 20, 40 thousand
-    parameters."""
+def printed(figures: Path, method: str = "cndhf") -> dict[tuple[str, int], tuple[int, float]]:
+    """Parameters and CD-paper that the paper prints of a method, by name and level of detail: 1 to 4 are about 5, 10,
+    20, 40 thousand parameters."""
     with figures.open(encoding="utf-8") as file:
         rows = csv.DictReader((line for line in file if not line.startswith("#")), delimiter="\t")
-        return {(r["shape"], int(r["lod"])): (int(r["cndhf_parameters"]), float(r["cndhf_cd"])) for r in rows}
+        return {(r["shape"], int(r["lod"])): (int(r[f"{method}_parameters"]), float(r[f"{method}_cd"])) for r in rows}
 
 
 def fields_and_width(parameters: int) -> tuple[int, int]:

@@ -353,8 +353,8 @@ class Model:
         -------
         ndarray of float64, shape (...)
             In input units: the distance from the mesh that `to_mesh()` makes by default, exact up to rounding. So it is
-            off by what that mesh is: of a surface, by less than half the file's mean error, but next to few of its edges.
-            -inf for a point that is not finite; NaN for one with a NaN.
+            off by what that mesh is: of a surface, by less than half the file's mean error, but next to few of its
+            edges. -inf for a point that is not finite; NaN for one with a NaN.
 
         Raises
         ------
@@ -542,7 +542,7 @@ class Model:
         which adds 2 to 4 % to it; by intersection where walls are thinner than a cell; at 256, not simplified, where
         the file holds no error. A surface: subdivided, place by place, until its edges are within half the mean error
         of it, but for a tenth of those of the finest level at most; within 0.02 % of the diagonal where the file holds
-        no error. That adds less than 1 % to the mean error. There are at most 524,288 triangles.
+        no error. That adds mostly less than 1 % to it. There are at most 524,288 triangles.
 
         Parameters
         ----------

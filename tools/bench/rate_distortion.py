@@ -25,7 +25,6 @@ import click
 import matplotlib
 import numpy as np
 import trimesh
-from tqdm import tqdm
 
 from cndhf_codec.mesh.read import read_mesh
 
@@ -185,6 +184,8 @@ def plot(out: Path, name: str, rows: list[Row]) -> None:
 @click.option("--representation", type=click.Choice(["auto", "dhf", "surface"]), default="auto", show_default=True)
 @click.option("--jobs", default=1, show_default=True, help="Points computed at a time.")
 def main(out: Path, names: tuple[str, ...], budgets: str, preset: str, representation: str, jobs: int) -> None:
+    from tqdm import tqdm  # here, for tests read the rest without it
+
     method = f"cndhf {preset} {representation}"
     files = out / "files"
     files.mkdir(parents=True, exist_ok=True)

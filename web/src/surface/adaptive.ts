@@ -73,24 +73,43 @@ export function withoutUnused({ points, normals, index }: LimitMesh): Omit<Limit
   let count = 0; // of those in use; their numbers are from 1
   const renumbered = index.map((v) => (numbers[v] ||= ++count) - 1);
   const made = { points: new Float64Array(3 * count), normals: new Float32Array(3 * count), index: renumbered };
-  numbers.forEach((number, v) => {
-    for (let k = 0; number && k < 3; k++) {
-      made.points[3 * number - 3 + k] = points[3 * v + k]!;
-      made.normals[3 * number - 3 + k] = normals[3 * v + k]!;
+  for (let v = 0; v < numbers.length; v++) {
+    const to = 3 * numbers[v]! - 3;
+    for (let k = 0; to >= 0 && k < 3; k++) {
+      made.points[to + k] = points[3 * v + k]!;
+      made.normals[to + k] = normals[3 * v + k]!;
     }
-  });
+  }
   return made;
 }
 
 /** The length of the diagonal of the bounding box of points. */
 function diagonal(points: Float64Array): number {
-  const low = [Infinity, Infinity, Infinity];
-  const high = low.map((x) => -x);
-  points.forEach((x, i) => {
-    low[i % 3] = Math.min(low[i % 3]!, x);
-    high[i % 3] = Math.max(high[i % 3]!, x);
-  });
-  return Math.hypot(...low.map((x, k) => high[k]! - x));
+  let square = 0;
+  for (let k = 0; k < 3; k++) {
+    let low = Infinity;
+    let high = -Infinity;
+    for (let i = k; i < points.length; i += 3) {
+      low = Math.min(low, points[i]!);
+      high = Math.max(high, points[i]!);
+    }
+    square += (high - low) ** 2;
+  }
+  return Math.sqrt(square);
+}
+
+const product = new Float64Array(3);
+
+/** Set `product` to the cross product of b - a and c - a, each a vertex of points. Gives its length. */
+function setProduct(points: Float64Array, a: number, b: number, c: number): number {
+  for (let k = 0; k < 3; k++) {
+    const i = (k + 1) % 3;
+    const j = (k + 2) % 3;
+    const x = points[3 * a + i]!;
+    const y = points[3 * a + j]!;
+    product[k] = (points[3 * b + i]! - x) * (points[3 * c + j]! - y) - (points[3 * b + j]! - y) * (points[3 * c + i]! - x);
+  }
+  return Math.sqrt(product[0]! ** 2 + product[1]! ** 2 + product[2]! ** 2);
 }
 
 /**
@@ -99,23 +118,24 @@ function diagonal(points: Float64Array): number {
  */
 function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64Array): Float64Array {
   const out = new Float64Array(sharp.length);
-  const u = [0, 0, 0];
-  const v = [0, 0, 0];
-  const m = [0, 0, 0];
+  const length = (a: number, b: number): number =>
+    Math.sqrt(
+      (points[3 * b]! - points[3 * a]!) ** 2 + (points[3 * b + 1]! - points[3 * a + 1]!) ** 2 + (points[3 * b + 2]! - points[3 * a + 2]!) ** 2,
+    );
   for (let h = 0; h < faces.length; h++) {
-    const [a, b, c] = [faces[h]!, faces[nextHalf(h)]!, faces[nextHalf(nextHalf(h))]!];
+    const a = faces[h]!;
+    const b = faces[nextHalf(h)]!;
     const e = ofHalf[h]!;
-    for (let k = 0; k < 3; k++) {
-      const x = points[3 * a + k]!;
-      u[k] = points[3 * b + k]! - x;
-      v[k] = points[3 * c + k]! - x;
-      m[k] = points[3 * (valences.length + e) + k]! - x;
+    const middle = valences.length + e;
+    const size = setProduct(points, a, b, faces[nextHalf(nextHalf(h))]!);
+    let far = 0;
+    for (let k = 0; size && k < 3; k++) far += (product[k]! / size) * (points[3 * middle + k]! - points[3 * a + k]!);
+    far = Math.abs(far);
+    if (sharp[e]) {
+      const chord = length(a, b);
+      far = Math.max(far, chord ? setProduct(points, a, b, middle) / chord : length(a, middle));
     }
-    const n = cross(u, v);
-    const size = Math.hypot(...n);
-    let far = size && Math.abs(n[0]! * m[0]! + n[1]! * m[1]! + n[2]! * m[2]!) / size;
-    if (sharp[e]) far = Math.max(far, Math.hypot(...u) ? Math.hypot(...cross(u, m)) / Math.hypot(...u) : Math.hypot(...m));
-    out[e] = Math.max(out[e]!, far);
+    if (far > out[e]!) out[e] = far;
   }
   return out;
 }
@@ -130,14 +150,16 @@ function balance({ points, index }: LimitMesh, isSmooth: (vertex: number) => boo
   const sums = new Float64Array(n);
   const counts = new Float64Array(n / 3);
   for (let t = 0; t < index.length; t += 3) {
-    const corners = [index[t]!, index[t + 1]!, index[t + 2]!];
-    const [p, q, r] = corners.map((i) => points.subarray(3 * i, 3 * i + 3)) as [Float64Array, Float64Array, Float64Array];
-    const across = cross([q[0]! - p[0]!, q[1]! - p[1]!, q[2]! - p[2]!], [r[0]! - p[0]!, r[1]! - p[1]!, r[2]! - p[2]!]);
-    for (const i of corners) {
-      counts[i]! += 3;
+    const a = index[t]!;
+    const b = index[t + 1]!;
+    const c = index[t + 2]!;
+    setProduct(points, a, b, c);
+    for (let i = t; i < t + 3; i++) {
+      const v = index[i]!;
+      counts[v]! += 3;
       for (let k = 0; k < 3; k++) {
-        normals[3 * i + k]! += across[k]!;
-        sums[3 * i + k]! += p[k]! + q[k]! + r[k]!;
+        normals[3 * v + k]! += product[k]!;
+        sums[3 * v + k]! += points[3 * a + k]! + points[3 * b + k]! + points[3 * c + k]!;
       }
     }
   }
@@ -152,7 +174,3 @@ function balance({ points, index }: LimitMesh, isSmooth: (vertex: number) => boo
     if (square && isSmooth(v)) for (let i = 3 * v; i < 3 * v + 3; i++) points[i]! += ((3 / 8) * height * normals[i]!) / (counts[v]! * square);
   }
 }
-
-const cross = (a: number[], b: number[]): number[] => [
-  a[1]! * b[2]! - a[2]! * b[1]!, a[2]! * b[0]! - a[0]! * b[2]!, a[0]! * b[1]! - a[1]! * b[0]!,
-];
