@@ -62,8 +62,6 @@ class Model:
 
     Attributes
     ----------
-    container : format.Container
-        The contents of the file.
     report : Report or None
         What `encode` did and had to assume; None for a model that was read from a file.
 
@@ -101,6 +99,18 @@ class Model:
 
     @property
     def container(self) -> fmt.Container:
+        """The contents of the file. To change them, make another model.
+
+        Returns
+        -------
+        format.Container
+
+        Examples
+        --------
+        >>> import cndhf_codec
+        >>> cndhf_codec.load("tests/golden/encoded.cndhf").container.centre
+        (0.0, 0.0, 13.0)
+        """
         return self._container
 
     def __reduce__(self) -> tuple[Any, ...]:
