@@ -16,7 +16,7 @@ def run(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch, tiny: Non
     monkeypatch.setattr(paper_floor, "SAMPLES", 20_000)
     monkeypatch.setattr("measure.SAMPLES", 2000)
     out = tmp_path / "out"
-    options = ["--levels", "1", "--steps", "60", "--share", "0.02", "--resolution", "48", "--preset", "fast"]
+    options = ["--levels", "1", "--steps", "200", "--share", "0.02", "--resolution", "48", "--preset", "fast"]
 
     def call(*more: str) -> list[dict[str, str]]:
         done = CliRunner().invoke(

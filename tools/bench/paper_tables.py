@@ -49,7 +49,7 @@ PARAMETERS = {1: 4851, 2: 9604, 3: 18484, 4: 43242}
 BYTES = {1: 4096, 2: 8192, 3: 16_384, 4: 32_768}
 MOST_FIELDS = 3  # of the published method where the paper has no figure of fields
 PAPER_STEPS = 10_000  # of each field, meant to take no longer than a rival; docs/paper.md has what more bring
-TRIED = 10  # a trial of a number of fields has this part of the steps
+TRIAL_STEPS = 1000  # of a fit that tells how many fields to take
 RESOLUTION = 512  # cells of our meshes, of height fields
 QUICK, QUICK_STEPS = ("rocker-arm", "fertility"), 1500
 
@@ -107,7 +107,7 @@ def rival(shape: Shape, method: str, level: int, seed: int, steps: int | None, r
 def ours(shape: Shape, method: str, level: int, seed: int, steps: int | None, preset: str, figures: Path) -> Made:
     options: dict[str, object]
     if method == "paper":
-        count, width = paper_fields(shape, level, figures, max(1, (steps or PAPER_STEPS) // TRIED))
+        count, width = paper_fields(shape, level, figures)
         options = {"preset": "paper", "axes": count, "width": width, "steps": steps or PAPER_STEPS}
     else:
         options = {"preset": preset, "representation": method, "target_size": BYTES[level]}
@@ -126,7 +126,7 @@ def ours(shape: Shape, method: str, level: int, seed: int, steps: int | None, pr
     return shape.row(about, mesh, mesh), mesh
 
 
-def paper_fields(shape: Shape, level: int, figures: Path, steps: int) -> tuple[int, int]:
+def paper_fields(shape: Shape, level: int, figures: Path) -> tuple[int, int]:
     """How many fields, and how wide: the paper's, or else those of which a short fit has the least error."""
     if figures.exists():
         known = printed(figures).get((NAMES.get(shape.name, shape.name), level))
@@ -137,7 +137,7 @@ def paper_fields(shape: Shape, level: int, figures: Path, steps: int) -> tuple[i
         width = 4
         while count * parameter_count(width + 1, PAPER.hidden_layers) <= PARAMETERS[level]:
             width += 1
-        model = cndhf_codec.encode(shape.path, preset="paper", axes=count, width=width, steps=steps, threads=1)
+        model = cndhf_codec.encode(shape.path, preset="paper", axes=count, width=width, steps=TRIAL_STEPS, threads=1)
         tried.append((model.report.normalised.mean, len(model.container.dhfs), width))
     return min(tried)[1:]
 
