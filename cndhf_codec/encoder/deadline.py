@@ -41,8 +41,12 @@ class Pace:
         self._deadline, self._begin = deadline, deadline.gone()
         self.last = 0.0  # seconds that the last one took
 
-    def done(self) -> bool:
-        """To be called after each one. Returns whether there is time for another."""
+    def done(self) -> None:
+        """To be called after each one."""
         end = self._deadline.gone()
         self.last, self._begin = end - self._begin, end
-        return self._deadline.left() >= self.last
+
+    @property
+    def more(self) -> bool:
+        """Whether there is time for another; before the first, whether there is any."""
+        return self._deadline.left() > self.last

@@ -73,7 +73,7 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     matrix = _sparse(last.vertices, mesh.n_vertices) @ matrix
     matrix = sp.csr_matrix(_sparse(limit_positions(last.topology), last.topology.n_vertices) @ matrix)
     matrix.sort_indices()
-    ptr, support = _supports(matrix.indptr, matrix.indices, nodes, owner, len(faces), n_vertices)
+    ptr, support = _supports(matrix.indptr, matrix.indices, nodes, len(faces), n_vertices)
     at = np.argsort(support, kind="stable")
     faces_at = np.repeat(np.arange(len(faces)), np.diff(ptr))[at]
     first = np.concatenate([[0], np.cumsum(np.bincount(support, minlength=n_vertices))])
@@ -82,24 +82,16 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
 
 
 @nb.njit(cache=True)
-def _supports(indptr: I32, indices: I32, nodes: I64, owner: I64, n_faces: int, n_vertices: int) -> tuple[I64, I64]:
+def _supports(indptr: I32, indices: I32, nodes: I64, n_faces: int, n_vertices: int) -> tuple[I64, I64]:
     """ptr and support of a `Basis`, from the rows of its matrix."""
-    count = np.zeros(n_faces + 1, dtype=np.int64)
-    for f in owner:
-        count[f + 1] += 1
-    first = np.cumsum(count)
-    order, filled = np.empty(len(owner), dtype=np.int64), first.copy()
-    for t in range(len(owner)):
-        order[filled[owner[t]]] = t
-        filled[owner[t]] += 1
     ptr = np.zeros(n_faces + 1, dtype=np.int64)
     support = np.empty(32 * n_faces, dtype=np.int64)
     seen, seen_node = np.full(n_vertices, -1), np.full(len(indptr) - 1, -1)
     n = 0
     for f in range(n_faces):
-        for i in range(first[f], first[f + 1]):
+        for t in range(f, len(nodes), n_faces):  # the owner of t: a step of subdivision repeats all numbers four times
             for c in range(6):
-                node = nodes[order[i], c]
+                node = nodes[t, c]
                 if seen_node[node] == f:
                     continue
                 seen_node[node] = f

@@ -98,13 +98,13 @@ def edited(
     editor = _Editor(target, levels, bits)
     kinds: list[_Kind] = [_Collapses(), _Splits(), *[_Flips() for _ in range(FLIPS)]]
     error = float(now.errors.sum())
-    pace, time_left = Pace(deadline), deadline.passed() < 1
+    pace = Pace(deadline)
     for k in range(cycles):
         for kind in kinds:
-            if not time_left:
+            if not pace.more:
                 break
             now = editor.batch(now, kind)
-            time_left = pace.done()
+            pace.done()
         before, error = error, float(now.errors.sum())
         on_cycle(k + 1, error)
         if error > (1 - LEAST_GAIN) * before:

@@ -87,8 +87,8 @@ def surface_of_size(
         if len(sized.body) <= size and final and (best is None or sized.error < best[0].error):
             best = sized, mesh, one
         full = CLOSE * size <= len(sized.body) <= size
-        more = pace.done()
-        if final and (full or (whole and len(sized.body) <= size) or (best is not None and not more)):
+        pace.done()
+        if final and (full or (whole and len(sized.body) <= size) or (best is not None and not pace.more)):
             break
         if k == 0:
             first = pace.last
@@ -104,7 +104,7 @@ def surface_of_size(
     # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
     around = len(best[1].faces)
     for k, factor in enumerate(others):
-        if deadline.left() < pace.last:
+        if not pace.more:
             break
         mesh = simplify.to(round(factor * around))
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds)
@@ -114,7 +114,7 @@ def surface_of_size(
         if len(sized.body) <= size and sized.error < best[0].error:
             best = sized, mesh, one
     sized, mesh, one = best
-    if settings.edits == 0 or deadline.left() < pace.last:
+    if settings.edits == 0 or not pace.more:
         return sized
     before = TRIES + len(others)
     mesh, one = edited(
