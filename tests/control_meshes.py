@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from cndhf_codec.encoder.surface.basis import basis_of
+from cndhf_codec.encoder.surface.creases import Fitted
 from cndhf_codec.encoder.surface.cut import Manifold
+from cndhf_codec.encoder.surface.fit import fit, mean_errors
 from cndhf_codec.encoder.surface.target import Target
 from cndhf_codec.mesh.distances import surface_distances
 
@@ -18,6 +21,13 @@ def arrays(mesh: trimesh.Trimesh) -> Manifold:
 
 def target_of(mesh: trimesh.Trimesh, samples: int = 20_000) -> Target:
     return Target(*arrays(mesh), samples, 0)
+
+
+def smooth_fit(mesh: Manifold, target: Target, levels: int, rounds: int) -> Fitted:
+    """A fit without sharp edges but those of the boundary."""
+    basis = basis_of(mesh.faces, len(mesh.vertices), NO_EDGES, levels)
+    control = fit(basis, target, mesh.vertices, rounds)
+    return Fitted(basis, NO_EDGES, control, float(mean_errors(basis, target, control).sum()))
 
 
 def mean_distance(target: Target, vertices: np.ndarray, faces: np.ndarray) -> float:

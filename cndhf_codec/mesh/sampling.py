@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..arrays import F64, I64
+
+GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 def face_areas(vertices: F64, faces: I64) -> F64:
@@ -32,6 +36,22 @@ def points_in(corners: F64, rng: np.random.Generator) -> F64:
     return np.asarray(np.einsum("nk,nkd->nd", weights, corners))
 
 
+def cover_evenly(vertices: F64, faces: I64, count: int) -> tuple[I64, F64]:
+    """Points that cover a surface evenly: faces (count,), ascending, and barycentric places (count, 3) in them.
+
+    Equal steps along the running sum of areas choose the face and one coordinate; multiples of the golden ratio the
+    other, which spread evenly (Weyl, 1916). Where faces that follow each other are neighbours, all parts of the surface
+    have their share of the points, while independent ones leave gaps.
+    """
+    along = np.cumsum(face_areas(vertices, faces))
+    wanted = (np.arange(count) + 0.5) / count * along[-1]
+    at = np.minimum(np.searchsorted(along, wanted), len(faces) - 1)
+    before = np.where(at > 0, along[at - 1], 0.0)
+    root = np.sqrt(np.clip((wanted - before) / np.maximum(along[at] - before, 1e-300), 0, 1))
+    other = np.arange(count) * GOLDEN % 1
+    return at, np.column_stack([1 - root, root * (1 - other), root * other])
+
+
 def sample_surface(vertices: F64, faces: I64, count: int, seed: int) -> F64:
     """Draw points of a surface, (count, 3), uniform by area."""
     rng = np.random.default_rng(seed)
@@ -43,6 +63,6 @@ def fibonacci_sphere(n: int) -> F64:
     Mapping" (2015): longitude 2 pi i / golden ratio, z = 1 - (2 i + 1) / n."""
     i = np.arange(n)
     z = 1 - (2 * i + 1) / n
-    phi = 2 * np.pi * (i * (np.sqrt(5) - 1) / 2 % 1)
+    phi = 2 * np.pi * (i * GOLDEN % 1)
     r = np.sqrt(1 - z * z)
     return np.column_stack([r * np.cos(phi), r * np.sin(phi), z])

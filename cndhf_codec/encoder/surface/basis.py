@@ -59,6 +59,12 @@ class Basis:
         return tree
 
 
+def coarsest_basis(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
+    """As `basis_of`, for the least work: a polyhedron, all of whose edges are sharp, is its own tessellation."""
+    whole = bool(topology_of(faces, n_vertices, sharp).sharp.all())
+    return basis_of(faces, n_vertices, sharp, 0 if whole else levels)
+
+
 def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     """Prepare a control mesh. sharp: (S, 2) sharp edges. levels: how often to subdivide for the tessellation."""
     mesh = topology_of(faces, n_vertices, sharp)

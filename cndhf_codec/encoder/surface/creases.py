@@ -12,7 +12,9 @@ import numpy as np
 
 from ...arrays import F64, I64, Mask
 from ...decoder.surface.subdivision import topology_of
-from .basis import Basis, basis_of
+from ...format.surface.marks import encode_marks
+from ...format.surface.range_coder import RangeEncoder
+from .basis import Basis, coarsest_basis
 from .cut import Manifold
 from .fit import fit, mean_errors
 from .target import Target
@@ -22,8 +24,10 @@ from .target import Target
 LEAST_ANGLE = np.radians(30)
 # On smooth shapes angled edges sharp leave a third more error than none, and what a mixture gains its marks cost.
 HOPELESS = 1.15
-BITS_PER_MARK = 1.9  # measured on mechanical parts; `format/surface/marks.py`
-BITS_PER_VERTEX = 19.0  # of everything else, for what marks are worth
+BITS_PER_VERTEX = 19.0  # of everything but marks, for what these are worth
+# Bits that an edge must gain by being sharp: its own, and more, for the errors around it are those of samples, and fall
+# by what the marks of its neighbours do.
+MARK_BITS = 15.0
 
 
 class Fitted(NamedTuple):
@@ -35,18 +39,33 @@ class Fitted(NamedTuple):
     error: float
 
 
-def fit_smooth(mesh: Manifold, target: Target, levels: int, rounds: int) -> Fitted:
-    """Fit a control mesh without sharp edges but those of its boundary."""
-    none = np.zeros((0, 2), dtype=np.int64)
-    return _fit(mesh, none, np.zeros(0, dtype=bool), target, levels, rounds)[0]
+class Simple(NamedTuple):
+    """The better one of two fits: without sharp edges, and with all sharp. faceted: whether the latter has an error not
+    far above the former's, so that some edges may be better sharp for that reason alone."""
+
+    best: Fitted
+    faceted: bool
 
 
-def fit_with_creases(mesh: Manifold, target: Target, levels: int, trial_rounds: int, rounds: int) -> Fitted:
-    """Fit a control mesh with the sharp edges that serve it best. rounds: more, for the fit that is chosen."""
+def fit_simply(mesh: Manifold, target: Target, levels: int, rounds: int) -> Simple:
+    """Fit a control mesh without sharp edges but those of its boundary, and as a polyhedron."""
+    topology = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
+    inner = ~topology.sharp
+    none, faces = (
+        _fit(mesh, topology.edges, marked, target, levels, rounds)[0] for marked in (np.zeros_like(inner), inner)
+    )
+    return Simple(faces if faces.error < none.error else none, faces.error <= HOPELESS * none.error)
+
+
+def fit_with_creases(
+    mesh: Manifold, target: Target, levels: int, trial_rounds: int, rounds: int, faceted: bool
+) -> Fitted:
+    """Fit a control mesh with the sharp edges that serve it best. rounds: more, for the fit that is chosen. faceted:
+    whether all may be sharp (`Simple`)."""
     topology = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
     inner = ~topology.sharp
     angled = inner & (_angles(mesh, topology.face_edges, len(topology.edges)) > LEAST_ANGLE)
-    choices = [np.zeros(len(inner), dtype=bool), *([angled] if angled.any() else []), inner]
+    choices = [np.zeros(len(inner), dtype=bool), *([angled] if angled.any() else []), *([inner] if faceted else [])]
     tries: list[Fitted] = []
     around: list[F64] = []
     for marked in choices:
@@ -58,14 +77,14 @@ def fit_with_creases(mesh: Manifold, target: Target, levels: int, trial_rounds: 
         at = np.zeros(len(mesh.vertices))
         np.add.at(at, mesh.faces, errors[:, None])
         around.append(at[topology.edges].sum(axis=1))
-    best = np.argmin(around, axis=0)
-    mixed = np.choose(best, choices[: len(around)])
+    choices = choices[: len(around)]
+    bit = min(one.error for one in tries) / (BITS_PER_VERTEX * len(mesh.vertices))
+    best = np.argmin(np.array(around) + MARK_BITS * bit * np.array(choices), axis=0)
+    mixed = np.choose(best, choices)
     if mixed.any() and not any(np.array_equal(mixed, marked) for marked in choices):
         tries.append(_fit(mesh, topology.edges, mixed, target, levels, trial_rounds)[0])
-    # The error falls about as 1 / bytes, so that their product tells which is worth its marks.
-    best_try = min(
-        tries, key=lambda t: t.error * (1 + BITS_PER_MARK * len(t.sharp) / (BITS_PER_VERTEX * len(t.control)))
-    )
+    # The error falls about as 1 / bits, so that their product tells which is worth its marks.
+    best_try = min(tries, key=lambda t: t.error * (1 + _mark_bits(mesh, t.sharp) / (BITS_PER_VERTEX * len(t.control))))
     control = fit(best_try.basis, target, best_try.control, rounds)
     errors = mean_errors(best_try.basis, target, control)
     return best_try._replace(control=control, error=float(errors.sum()))
@@ -73,10 +92,17 @@ def fit_with_creases(mesh: Manifold, target: Target, levels: int, trial_rounds: 
 
 def _fit(mesh: Manifold, edges: I64, marked: Mask, target: Target, levels: int, rounds: int) -> tuple[Fitted, F64]:
     """Fit with some edges sharp; also the error of each control face."""
-    basis = basis_of(mesh.faces, len(mesh.vertices), edges[marked], levels)
+    basis = coarsest_basis(mesh.faces, len(mesh.vertices), edges[marked], levels)
     control = fit(basis, target, mesh.vertices, rounds)
     errors = mean_errors(basis, target, control)
     return Fitted(basis, edges[marked], control, float(errors.sum())), errors
+
+
+def _mark_bits(mesh: Manifold, sharp: I64) -> int:
+    """What the marks take in a file; nothing in a polyhedron, all of whose edges are sharp."""
+    encoder = RangeEncoder()
+    encode_marks(encoder, mesh.faces.astype(np.int32), sharp.astype(np.int32))
+    return 8 * len(encoder.finish())
 
 
 def _angles(mesh: Manifold, face_edges: I64, n_edges: int) -> F64:

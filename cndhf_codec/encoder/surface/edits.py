@@ -19,7 +19,7 @@ from ...arrays import F64, I64, Mask
 from ...decoder.surface.normals import unit
 from ...decoder.surface.subdivision import Topology, topology_of
 from ..deadline import Deadline, Pace
-from .basis import Basis, basis_of
+from .basis import Basis, coarsest_basis
 from .creases import Fitted
 from .cut import Manifold
 from .fit import fit, mean_errors
@@ -145,7 +145,7 @@ class _Editor:
         self._tried.update((kind.name, a, b) for a, b in keys[chosen].tolist())
         edits = rows[chosen]
         made = self._made(old, kind, edits)
-        basis = basis_of(made.faces, len(made.control), made.sharp, self._levels)
+        basis = coarsest_basis(made.faces, len(made.control), made.sharp, self._levels)
         control = fit(basis, self._target, made.control, TRIAL_ROUNDS)
         errors = mean_errors(basis, self._target, control)
         around = edits[:, :4]
@@ -163,7 +163,7 @@ class _Editor:
         moved = np.unique(kept[:, :4])
         moved = moved[(made.place[moved] >= 0) & (result.place[moved] >= 0)]
         result.control[result.place[moved]] = control[made.place[moved]]
-        basis = basis_of(result.faces, len(result.control), result.sharp, self._levels)
+        basis = coarsest_basis(result.faces, len(result.control), result.sharp, self._levels)
         control = fit(basis, self._target, result.control, 1)
         errors = mean_errors(basis, self._target, control)
         topology = topology_of(result.faces, len(control), result.sharp)

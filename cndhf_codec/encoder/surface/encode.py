@@ -9,7 +9,7 @@ from ..progress import Stage
 from .cut import cut
 from .settings import SurfaceSettings
 from .target import Target
-from .to_size import Sized, surface_of_size
+from .to_size import BITS_PER_VERTEX, Sized, surface_of_size
 
 LEAST_SECTION = 40  # bytes: a tetrahedron takes about so many
 
@@ -32,7 +32,9 @@ def encode_surface(
     if size < LEAST_SECTION:
         raise EncodeError(f"{settings.target_size} bytes hold no surface; use a larger size")
     stage("simplify", 1)
-    target = Target(vertices, faces, settings.samples, seed)
+    # With few samples per vertex the surface is fitted to them, and not to what lies between.
+    n_samples = max(settings.samples, round(settings.samples_per_vertex * 8 * size / BITS_PER_VERTEX))
+    target = Target(vertices, faces, n_samples, seed)
     sized = surface_of_size(cut(vertices, faces), target, size, settings, stage, deadline)
     if len(sized.body) > size:
         raise EncodeError(

@@ -7,7 +7,6 @@ along the normals (Chen and Medioni, 1991) shrink. Weights of 1 / distance make 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numba as nb
@@ -15,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...arrays import F64, I32, I64
-from ...mesh.sampling import face_areas
+from ...mesh.sampling import cover_evenly
 from .basis import Basis
 from .target import Target
 
@@ -26,7 +25,6 @@ FLOOR = 0.25
 DAMPING = 1e-3
 FURTHER = 1.5  # rounds after the first go so many times as far as their solution: closest points lag behind
 STEPS, TOLERANCE = 60, 1e-4  # of conjugate gradients
-GOLDEN = (math.sqrt(5) - 1) / 2
 OBLIQUE = 0.7  # cosine below which a closest point lies on an edge of the surface, not in a face
 
 
@@ -123,10 +121,13 @@ def solved(matrix: sp.bsr_matrix, side: F64, damping: float) -> F64:
 
 def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
     surface = basis.surface(control)
-    drawn, places = _evenly(surface, basis.fine, len(target.samples))
+    tree = basis.tree(surface)
+    # In the tree's order neighbours follow each other.
+    drawn, places = cover_evenly(surface, basis.fine[tree.order], len(target.samples))
+    drawn = tree.order[drawn]
     mine, ours = _points_at(surface, basis.nodes, drawn, places)
     there = target.closest(ours)
-    near = basis.tree(surface).closest(target.samples)
+    near = tree.closest(target.samples)
     theirs, here = _points_near(surface, basis.nodes, near.faces, near.points, target.samples)
     normals = np.concatenate([target.face_normals[there.faces], target.normals])
     offsets = np.concatenate([there.points - ours, target.samples - here])
@@ -137,21 +138,6 @@ def _paired(basis: Basis, target: Target, control: F64, even: bool) -> Pairs:
     weights = shares / (max(mean, 1e-12) if even else np.maximum(distances, FLOOR * mean + 1e-12))
     faces = np.concatenate([drawn, near.faces])
     return Pairs(faces, np.concatenate([mine, theirs]), normals, gaps, distances, shares, weights, mean)
-
-
-def _evenly(surface: F64, fine: I64, count: int) -> tuple[I64, F64]:
-    """Draw points that cover the surface evenly: faces (K,) and barycentric places (K, 3) in them.
-
-    Equal steps along the running sum of areas choose the face and one coordinate; multiples of the golden ratio the
-    other, which spread evenly (Weyl, 1916).
-    """
-    along = np.cumsum(face_areas(surface, fine))
-    wanted = (np.arange(count) + 0.5) / count * along[-1]
-    faces = np.minimum(np.searchsorted(along, wanted), len(fine) - 1)
-    before = np.where(faces > 0, along[faces - 1], 0.0)
-    root = np.sqrt(np.clip((wanted - before) / np.maximum(along[faces] - before, 1e-300), 0, 1))
-    other = np.arange(count) * GOLDEN % 1
-    return faces, np.column_stack([1 - root, root * (1 - other), root * other])
 
 
 @nb.njit(cache=True)
@@ -277,7 +263,7 @@ def _add_up(
     for f in nb.prange(len(ptr) - 1):
         m = ptr[f + 1] - ptr[f]
         row = np.zeros(m)
-        # The six different products of a normal's coordinates, each for all pairs: such rows are added fast.
+        # The six different products of a normal's coordinates, each for all pairs k <= j: such rows are added fast.
         sums = np.zeros((6, m, m))
         for i in range(samples.first[f], samples.first[f + 1]):
             s = samples.order[i]
@@ -303,15 +289,15 @@ def _add_up(
                 side[2] += a * far * z
                 for c in range(6):
                     b, line = a * products[c], sums[c, j]
-                    for k in range(m):
+                    for k in range(j + 1):
                         line[k] += b * row[k]
         for j in range(m):
             for k in range(m):
-                block = blocks[start[f] + j * m + k]
-                block[0, 0], block[1, 1], block[2, 2] = sums[0, j, k], sums[3, j, k], sums[5, j, k]
-                block[0, 1] = block[1, 0] = sums[1, j, k]
-                block[0, 2] = block[2, 0] = sums[2, j, k]
-                block[1, 2] = block[2, 1] = sums[4, j, k]
+                block, u, v = blocks[start[f] + j * m + k], max(j, k), min(j, k)
+                block[0, 0], block[1, 1], block[2, 2] = sums[0, u, v], sums[3, u, v], sums[5, u, v]
+                block[0, 1] = block[1, 0] = sums[1, u, v]
+                block[0, 2] = block[2, 0] = sums[2, u, v]
+                block[1, 2] = block[2, 1] = sums[4, u, v]
 
 
 @nb.njit(cache=True)

@@ -12,19 +12,23 @@ class SurfaceSettings:
     target_size: int = 4096  # bytes of the file
     trial_rounds: int = 2  # of closest points, for each choice of sharp edges
     rounds: int = 8  # more, for the best of them
-    samples: int = 40_000  # of the input's surface, and of the fitted one
+    samples: int = 40_000  # at least, of the input's surface, and of the fitted one
+    samples_per_vertex: int = 40  # of the control mesh, at least
     # Further tries with so many times the faces of the first that fills the file; the best of all is kept.
     other_counts: tuple[float, ...] = (0.94, 1.06)
     edits: int = 4  # cycles of edits of the best of them
 
 
 DEFAULT = SurfaceSettings(target_size=8192)
-FAST = replace(DEFAULT, target_size=4096, rounds=4, samples=20_000, other_counts=(), edits=0)
+FAST = replace(
+    DEFAULT, target_size=4096, trial_rounds=1, rounds=4, samples=20_000, samples_per_vertex=16, other_counts=(), edits=0
+)
 BEST = replace(
     DEFAULT,
     trial_rounds=3,
     rounds=16,
     samples=80_000,
+    samples_per_vertex=80,
     other_counts=(0.88, 0.94, 0.97, 1.03, 1.06, 1.12),
     edits=8,
 )

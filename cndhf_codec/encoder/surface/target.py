@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import F64, I64
-from ...mesh.sampling import draw_faces, face_areas, points_in
+from ...mesh.sampling import cover_evenly
 from .nearest import Tree
 
 
 class Target(Tree):
-    """The input's surface in the normalised frame, with samples that are uniform by area.
+    """The input's surface in the normalised frame, with samples that cover it evenly.
 
     samples: (K, 3). normals: (K, 3) unit normals of the faces that they lie on. face_normals: (M, 3).
     """
@@ -20,6 +20,9 @@ class Target(Tree):
         cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         self.face_normals = cross / np.where(length > 0, length, 1)
-        rng = np.random.default_rng(seed)
-        drawn = draw_faces(face_areas(vertices, faces), n_samples, rng)
-        self.samples, self.normals = points_in(vertices[faces[drawn]], rng), self.face_normals[drawn]
+        # In the tree's order neighbours follow each other; a seed begins elsewhere in it.
+        order = np.roll(self.order, np.random.default_rng(seed).integers(len(faces)))
+        at, places = cover_evenly(vertices, faces[order], n_samples)
+        drawn = order[at]
+        self.samples = np.einsum("nk,nkd->nd", places, vertices[faces[drawn]])
+        self.normals = self.face_normals[drawn]

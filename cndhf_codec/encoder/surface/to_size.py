@@ -28,7 +28,7 @@ from ...format.bfloat16 import above
 from ...format.surface.section import UNTURNED, PositionEncoder
 from ..deadline import Deadline, Pace
 from ..progress import Stage
-from .creases import Fitted, fit_smooth, fit_with_creases
+from .creases import Fitted, fit_simply, fit_with_creases
 from .cut import Manifold, cut
 from .edits import LEAST_GAIN, edited
 from .fit import fit, mean_errors
@@ -42,11 +42,18 @@ BITS_PER_VERTEX = 18.0  # of the first try only
 CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
-TRIES = 3  # with other numbers of vertices
-STEP_TRIES = 4  # with other steps, for one number of vertices
-LAST_STEP_TRIES = 12  # where it may be any: flat surfaces save less than a bit per coordinate and halving
-POLISHED = 2 / 3  # what polishing leaves of the error of rounding, and so of u
-MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
+FILLS = 2  # tries with other numbers of vertices, for a file that is full
+# Another number of vertices is tried where that is foretold to take this share off the error, so many times.
+LEAST_FORETOLD, BALANCINGS = 0.05, 2
+# The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
+# where the input's own faces are near.
+FIRST_POWERS, POWERS = (1.0, 1.5), (1.0, 5.0)
+ROUNDS_LEAVE = 0.9  # of the error that a few rounds leave
+# Other steps, for one number of vertices: flat surfaces save less than a bit per coordinate and halving.
+STEP_TRIES = 8
+POLISHED = 0.8  # what polishing leaves of the error of rounding, and so of u
+FINEST = 2.0**-17  # step: less than a thousandth of a percent of the diagonal
+MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
@@ -62,61 +69,72 @@ class Sized(NamedTuple):
     error: float
 
 
+class _Try(NamedTuple):
+    sized: Sized
+    mesh: Manifold
+    one: Fitted
+
+
 def surface_of_size(
     given: Manifold, target: Target, size: int, settings: SurfaceSettings, stage: Stage, deadline: Deadline
 ) -> Sized:
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     wanted = 2 * 8 * size / BITS_PER_VERTEX
-    others = settings.other_counts
-    on_step = stage("fit", TRIES + len(others) + settings.edits)
+    on_step = stage("fit", 1 + FILLS + BALANCINGS + len(settings.other_counts) + settings.edits)
     simplify = _Simplify(given, round(START * wanted))
-    best: tuple[Sized, Manifold, Fitted] | None = None
-    pace, rounds, first = Pace(deadline), settings.rounds, 0.0
-    for k in range(TRIES):
-        mesh = simplify.to(round(wanted))
-        final = k > 0
-        if final:
-            one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds)
-        else:
-            one = fit_smooth(mesh, target, _levels(mesh), settings.trial_rounds)
-        # The last try may take any coarser step, rather than make no file.
-        coarsest = math.inf if k == TRIES - 1 and best is None else MOST_COARSER
-        sized = _rounded(one, mesh, target, size, coarsest, final)
-        on_step(k + 1, sized.error)
-        whole = len(mesh.faces) >= len(given.faces)
-        if len(sized.body) <= size and final and (best is None or sized.error < best[0].error):
-            best = sized, mesh, one
-        full = CLOSE * size <= len(sized.body) <= size
+    pace = Pace(deadline)
+    mesh = simplify.to(round(wanted))
+    simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
+    first = _rounded(simple.best, mesh, target, size, final=False)
+    on_step(1, first.error)
+    pace.done()
+    first_time = pace.last
+    if deadline.left() < LEAST_TRY * first_time:
+        raise EncodeError(
+            "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
+        )
+
+    def tried(n_faces: float) -> _Try:
+        # Further rounds are for what is left after a try without them.
+        spare = max(deadline.left() - LEAST_TRY * first_time, 0.0)
+        rounds = int(min(settings.rounds, spare / (ROUND_SHARE * first_time)))
+        mesh = simplify.to(min(max(round(n_faces), LEAST_FACES), len(given.faces)))
+        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, simple.faceted)
+        made = _Try(_rounded(one, mesh, target, size), mesh, one)
         pace.done()
-        if final and (full or (whole and len(sized.body) <= size) or (best is not None and not pace.more)):
+        return made
+
+    best = tried(wanted * _times(first, len(mesh.vertices), size))
+    on_step(2, best.sized.error)
+    for k in range(1, FILLS):
+        n_bytes, n_faces = len(best.sized.body), len(best.mesh.faces)
+        if n_bytes <= size and (n_bytes >= CLOSE * size or n_faces >= len(given.faces) or not pace.more):
             break
-        if k == 0:
-            first = pace.last
-            if deadline.left() < LEAST_TRY * first:
-                raise EncodeError(
-                    "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
-                )
-        left = max(deadline.left() - LEAST_TRY * first, 0.0)
-        rounds = int(min(settings.rounds, left / (ROUND_SHARE * first)))
-        wanted = min(max(wanted * size / len(sized.body), LEAST_FACES), len(given.faces))
-    if best is None:
-        return sized
+        made = tried(n_faces * size / n_bytes)
+        on_step(k + 2, made.sized.error)
+        best = min(best, made, key=lambda one: (len(one.sized.body) > size, one.sized.error))
+    if len(best.sized.body) > size:
+        return best.sized
+    powers = FIRST_POWERS
+    for k in range(BALANCINGS):
+        times = _balanced(best, powers)
+        if times == 1 or not pace.more:
+            break
+        made = tried(times * len(best.mesh.faces))
+        on_step(FILLS + k + 2, made.sized.error)
+        powers = _power(best.one, made.one)
+        best = _better(best, made, size)
     # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
-    around = len(best[1].faces)
-    for k, factor in enumerate(others):
+    around = len(best.mesh.faces)
+    for k, factor in enumerate(settings.other_counts):
         if not pace.more:
             break
-        mesh = simplify.to(round(factor * around))
-        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds)
-        sized = _rounded(one, mesh, target, size)
-        on_step(TRIES + k + 1, sized.error)
-        pace.done()
-        if len(sized.body) <= size and sized.error < best[0].error:
-            best = sized, mesh, one
+        best = _better(best, tried(factor * around), size)
+        on_step(FILLS + BALANCINGS + k + 2, best.sized.error)
     sized, mesh, one = best
     if settings.edits == 0 or not pace.more:
         return sized
-    before = TRIES + len(others)
+    before = 1 + FILLS + BALANCINGS + len(settings.other_counts)
     mesh, one = edited(
         one,
         mesh,
@@ -151,15 +169,52 @@ class _Simplify:
         return cut(less.vertices, less.faces)
 
 
+def _better(best: _Try, other: _Try, size: int) -> _Try:
+    return other if len(other.sized.body) <= size and other.sized.error < best.sized.error else best
+
+
+def _times(first: Sized, n_vertices: int, size: int) -> float:
+    """How many times as many vertices a file of `size` bytes holds as the first try has. With more rounds and vertices
+    the error is less, and so the step finer: by the square root of it."""
+    x0 = size / len(first.body)
+    bits = 8 * len(first.body) / n_vertices
+    x = x0
+    for _ in range(10):
+        x = x0 / (1 + 1.5 * math.log2(max(x / ROUNDS_LEAVE, 0.1)) / bits)
+    return x
+
+
+def _balanced(best: _Try, powers: tuple[float, float]) -> float:
+    """How many times as many vertices would be better; 1 where that would gain little.
+
+    Error f of the fit and noise n of rounding make about sqrt(f^2 + n^2). x times the vertices leave x^-p of f, and of
+    b bits per vertex b / x, which make n 2^(b / 3 (1 - 1 / x)) times as large. powers: the least and the largest p.
+    """
+    f, error = best.one.error, best.sized.error
+    noise = math.sqrt(max(error * error - f * f, 0.0))
+    bits = 8 * len(best.sized.body) / len(best.one.control)
+    x = 2.0 ** np.linspace(-1, 1, 81)
+    noises = noise * np.maximum(2.0 ** (bits / 3 * (1 - 1 / x)), FINEST / best.sized.mesh.step)
+    foretold = np.hypot(f * np.maximum(x ** -powers[0], x ** -powers[1]), noises)
+    least = int(np.argmin(foretold))
+    return float(x[least]) if foretold[least] < (1 - LEAST_FORETOLD) * error else 1.0
+
+
+def _power(one: Fitted, other: Fitted) -> tuple[float, float]:
+    """With which power of the number of vertices the error of the fit falls, as two fits tell."""
+    vertices = math.log(len(one.control) / len(other.control))
+    power = math.log(max(other.error, 1e-12) / max(one.error, 1e-12)) / (vertices or 1.0)
+    power = min(max(power, POWERS[0]), POWERS[1])
+    return power, power
+
+
 def _levels(mesh: Manifold) -> int:
     return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), LEAST_LEVELS), 4)
 
 
-def _rounded(
-    one: Fitted, mesh: Manifold, target: Target, size: int, coarsest: float = MOST_COARSER, final: bool = True
-) -> Sized:
-    """Round to the step of the formula, or one a little coarser or finer that fills the file. coarsest: by what factor
-    the step may be coarser. final: whether more is asked for than the bytes."""
+def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, final: bool = True) -> Sized:
+    """Round to the step of the formula, or one that fills the file: any coarser one, or one a little finer. final:
+    whether more is asked for than the bytes at the formula's step."""
     rounding = Rounding(one.basis, target, one.control)
     left = one.control.size / (math.log(2) * 8 * size)
     stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
@@ -178,21 +233,20 @@ def _rounded(
         return Sized(control, encoder.body(control), math.nan)
 
     step, best = ideal, None
-    for _ in range(STEP_TRIES if coarsest < math.inf else LAST_STEP_TRIES):
-        step = above(min(max(step, 2.0**-17), 0.1))
+    for _ in range(STEP_TRIES):
+        step = above(min(max(step, FINEST), 0.1))
         made = at(step, rounding.to(step))
         n_bytes = len(made.body)
         if best is None or (n_bytes <= size and (len(best.body) > size or n_bytes > len(best.body))):
             best = made
-        if CLOSE * size <= n_bytes <= size:
+        if not final or CLOSE * size <= n_bytes <= size:
             break
         # A bit more of each coordinate halves the step.
         bits = 8 * (0.995 * size - n_bytes)
         step = step * 2.0 ** (-bits / (3 * len(one.control)))
-        if not ideal / MOST_COARSER <= step <= ideal * coarsest:
-            step = min(max(step, ideal / MOST_COARSER), ideal * coarsest)
-            if above(step) == made.mesh.step:
-                break
+        step = max(step, ideal / MOST_FINER)
+        if above(step) == made.mesh.step:
+            break
     assert best is not None
     if not final:
         return best._replace(error=one.error)

@@ -89,15 +89,6 @@ def test_gaps_off_the_normal_are_distances():
     np.testing.assert_allclose(normals, [[0, 0, 1], [0, 0, 1], [0.8, 0, 0.6]])
 
 
-def test_points_are_spread_evenly():
-    mesh = trimesh.creation.icosphere(2)
-    faces, places = fit_module._evenly(*arrays(mesh), 20_000)
-    shares = np.bincount(faces, minlength=len(mesh.faces)) / 20_000
-    np.testing.assert_allclose(shares, mesh.area_faces / mesh.area, atol=1.01 / 20_000)
-    np.testing.assert_allclose(places.mean(axis=0), 1 / 3, atol=2e-3)
-    assert places.min() >= 0
-
-
 def test_rows_sum_to_one_and_owners_cover_their_faces(case):
     vertices, faces, sharp = case
     basis = basis_of(faces, len(vertices), sharp, 2)

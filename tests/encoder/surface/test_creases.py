@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from control_meshes import arrays, square, target_of
+from control_meshes import arrays, smooth_fit, square, target_of
 
-from cndhf_codec.encoder.surface.creases import Fitted, fit_smooth, fit_with_creases
+from cndhf_codec.encoder.surface.creases import Fitted, fit_simply, fit_with_creases
 from cndhf_codec.encoder.surface.simplify import Simplifier
 
 
 def creased(mesh: trimesh.Trimesh, shape: trimesh.Trimesh) -> Fitted:
-    return fit_with_creases(arrays(mesh), target_of(shape), 3, 3, 4)
+    return fit_with_creases(arrays(mesh), target_of(shape), 3, 3, 4, True)
 
 
 def test_the_edges_of_a_cube_are_sharp():
@@ -41,7 +41,7 @@ def test_a_cylinder_has_two_sharp_rings():
     assert np.count_nonzero(on_rim) == 24
     # Few edges of the round wall are sharp.
     assert np.mean(heights[a] != heights[b]) < 0.3
-    smooth = fit_smooth(arrays(coarse), target_of(cylinder), 3, 7)
+    smooth = smooth_fit(arrays(coarse), target_of(cylinder), 3, 7)
     assert len(smooth.sharp) == 0
     assert fitted.error < smooth.error / 3
 
@@ -51,14 +51,24 @@ def test_the_corners_of_a_sheet_are_sharp():
     fitted = creased(square(3), square(20))
     ends = np.bincount(fitted.sharp.ravel(), minlength=16)
     assert np.count_nonzero(ends) > 0
-    smooth = fit_smooth(arrays(square(3)), target_of(square(20)), 3, 7)
+    smooth = smooth_fit(arrays(square(3)), target_of(square(20)), 3, 7)
     assert fitted.error < smooth.error
+
+
+def test_a_simple_fit_takes_the_better_of_none_and_all_sharp():
+    cube, ball = trimesh.creation.box(), trimesh.creation.icosphere(4)
+    faceted = fit_simply(arrays(cube), target_of(cube), 2, 2)
+    assert len(faceted.best.sharp) == 18
+    assert faceted.faceted
+    smooth = fit_simply(arrays(trimesh.creation.icosphere(1)), target_of(ball), 2, 2)
+    assert len(smooth.best.sharp) == 0
+    assert not smooth.faceted
 
 
 def test_sharp_edges_are_edges_smaller_number_first():
     shape = trimesh.creation.annulus(0.3, 1, 1, sections=64)
     vertices, faces = Simplifier.of(*arrays(shape)).to(120)
-    fitted = fit_with_creases(arrays(trimesh.Trimesh(vertices, faces, process=False)), target_of(shape), 2, 2, 2)
+    fitted = fit_with_creases(arrays(trimesh.Trimesh(vertices, faces, process=False)), target_of(shape), 2, 2, 2, True)
     assert len(fitted.sharp) > 20
     edges = {tuple(sorted(e)) for e in np.asarray(faces)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}
     assert {tuple(e) for e in fitted.sharp.tolist()} <= edges
