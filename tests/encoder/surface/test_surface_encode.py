@@ -217,7 +217,7 @@ def test_a_time_limit_lets_through_what_there_is_time_for(monkeypatch):
     rounds = []
     fit_with_creases = to_size.fit_with_creases
     monkeypatch.setattr(
-        to_size, "fit_with_creases", lambda *args: [rounds.append(args[-1]), fit_with_creases(*args)][1]
+        to_size, "fit_with_creases", lambda *args: [rounds.append(args[-2]), fit_with_creases(*args)][1]
     )
     many = replace(QUICK, rounds=8, target_size=600, other_counts=(0.9, 1.1))
     given = arrays(lumps())
