@@ -49,6 +49,7 @@ POLISHED = 2 / 3  # what polishing leaves of the error of rounding, and so of u
 MOST_COARSER = 3.0  # the step may differ from the formula by this factor, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
+ROUNDING, POLISHING = 5, 2  # times in rounds of the fit: for the progress alone, ADR 044
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
 
@@ -68,8 +69,8 @@ def surface_of_size(
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     wanted = 2 * 8 * size / BITS_PER_VERTEX
     others = settings.other_counts
-    on_step = stage("fit", TRIES + len(others) + settings.edits)
     simplify = _Simplify(given, round(START * wanted))
+    work = _Work(settings, wanted, stage)
     best: tuple[Sized, Manifold, Fitted] | None = None
     pace, rounds, first = Pace(deadline), settings.rounds, 0.0
     for k in range(TRIES):
@@ -82,7 +83,7 @@ def surface_of_size(
         # The last try may take any coarser step, rather than make no file.
         coarsest = math.inf if k == TRIES - 1 and best is None else MOST_COARSER
         sized = _rounded(one, mesh, target, size, coarsest, final)
-        on_step(k + 1, sized.error)
+        work(k + 1, 0, 0, one, sized.error)
         whole = len(mesh.faces) >= len(given.faces)
         if len(sized.body) <= size and final and (best is None or sized.error < best[0].error):
             best = sized, mesh, one
@@ -109,14 +110,13 @@ def surface_of_size(
         mesh = simplify.to(round(factor * around))
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds)
         sized = _rounded(one, mesh, target, size)
-        on_step(TRIES + k + 1, sized.error)
+        work(TRIES, k + 1, 0, one, sized.error)
         pace.done()
         if len(sized.body) <= size and sized.error < best[0].error:
             best = sized, mesh, one
     sized, mesh, one = best
     if settings.edits == 0 or not pace.more:
         return sized
-    before = TRIES + len(others)
     mesh, one = edited(
         one,
         mesh,
@@ -125,13 +125,38 @@ def surface_of_size(
         8 * size,
         settings.edits,
         deadline.before(pace.last),  # what comes after takes no longer than a try
-        lambda cycles, error: on_step(before + cycles, error),
+        lambda cycles, error: work(TRIES, len(others), cycles, one, error),
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
     again = _rounded(one._replace(control=control, error=error), mesh, target, size)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
+
+
+class _Work:
+    """Tells how much is done, in rounds of the fit, which take equally long."""
+
+    def __init__(self, settings: SurfaceSettings, faces: float, stage: Stage) -> None:
+        """faces: that the control mesh is expected to have."""
+        self._settings = settings
+        self._total = round(self._rounds(1.5 * faces))
+        self._on_step = stage("fit", self._total)
+
+    def __call__(self, tries: int, others: int, cycles: int, one: Fitted, error: float) -> None:
+        """Tell of the first tries, those with other counts, and cycles of edits that are over. one: the last fit."""
+        smooth = 3 * len(one.control) - len(one.sharp)
+        share = self._rounds(smooth, tries, others, cycles) / self._rounds(smooth)
+        self._on_step(round(share * self._total), error)
+
+    def _rounds(self, smooth: float, tries: int = TRIES, others: int = -1, cycles: int = -1) -> float:
+        """By default all. smooth: edges that are; the more, the longer is a cycle of edits."""
+        s = self._settings
+        first, later = s.trial_rounds + ROUNDING, 3 * s.trial_rounds + s.rounds + ROUNDING + POLISHING
+        last = first if s.edits and cycles < 0 else 0
+        others, cycles = len(s.other_counts) if others < 0 else others, s.edits if cycles < 0 else cycles
+        # The second try mostly fills the file, so the third counts a third.
+        return first + later * ((tries > 1) + (tries > 2) / 3 + others) + math.sqrt(max(smooth, 1)) * cycles + last
 
 
 class _Simplify:
