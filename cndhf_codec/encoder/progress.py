@@ -33,7 +33,7 @@ def silent(stage: str, done: int, total: int, loss: float = math.nan) -> None:
 # says: the fit of a surface counts in rounds, and the others are about so many. ADR 044.
 COURSES: tuple[dict[str, int | None], ...] = (
     {"read": 1, "axes": 1, "plan": 15, "fit": 6, "joint fit": 51, "round": 25, "verify": 1},
-    {"read": 2, "axes": 6, "fit": 30, "joint fit": 45, "round": 15, "verify": 2},
+    {"read": 5, "axes": 5, "fit": 25, "joint fit": 37, "round": 15, "verify": 13},
     {"read": 1, "axes": 3, "fit": 94, "round": 1, "verify": 1},
     {"read": 4, "simplify": 5, "fit": None, "verify": 5},
 )
@@ -52,6 +52,7 @@ WORDS = {
 }
 UNCOUNTED = 250  # rounds, of a fit that has not begun: of preset `default`
 LEAST_DONE = 0.05  # of the work, before which no time is told
+STEPS = 0.7  # of a stage's time
 SETTLED = 0.1  # of the work in a stage, after which its own speed says how long the rest of it takes
 
 
@@ -78,7 +79,9 @@ class Estimate:
         if not self._seen or self._seen[-1] != stage:
             self._seen.append(stage)
             self._stage_start = now
-        fraction = min(done / max(total, 1), 1.0)
+        # Preparing and finishing take their part of a stage that is told in steps; one that counts rounds counts all.
+        steps = 1.0 if self._course.get(stage) is None or total == 1 else STEPS
+        fraction = min(steps * done / max(total, 1), 1.0)
         if fraction != self._fraction or fraction == 0:
             self._updated = now
         self._fraction, self._total = fraction, total
@@ -118,15 +121,12 @@ class Estimate:
         begun = self._fraction > 0 or self._course.get(self._seen[-1], 1) is not None
         if done < LEAST_DONE or not begun or self._compiling is not None:
             return None
-        speed = coming = (self._updated - self._start) / done  # seconds that the whole takes
+        speed = own = (self._updated - self._start) / done  # seconds that the whole takes
         if self._fraction > 0:
-            own = (self._updated - self._stage_start) / (here * self._fraction)
             trust = min(here * self._fraction / SETTLED, 1)
-            speed += (own - speed) * trust
-            # The stages to come go as this one, the longer it has run.
-            coming += (own - coming) * min(here / (before + here), 1) * self._fraction
-        rest = speed * here * (1 - self._fraction) - (now - self._updated)
-        return max(rest, 0.0) + coming * after
+            own += ((self._updated - self._stage_start) / (here * self._fraction) - own) * trust
+        rest = own * here * (1 - self._fraction) - (now - self._updated)
+        return max(rest, 0.0) + speed * after
 
 
 class Bar:
