@@ -14,7 +14,8 @@ from typing import Protocol, TextIO
 class Progress(Protocol):
     """A function called with the stage's name, the work done and the total work in it, and the fit's loss (else NaN).
 
-    It may be called from several threads, never from two at once.
+    It may be called from several threads, never from two at once. The stage "compile" interrupts another, which then
+    goes on.
     """
 
     def __call__(self, stage: str, done: int, total: int, loss: float = math.nan) -> None: ...
