@@ -96,7 +96,7 @@ def test_arrows_point_one_way(folder, others):
     ("library", "homes"),
     [
         ("torch", ("encoder", "integrations.torch")),
-        ("numba", ("encoder.dhf.network", "encoder.pipeline", "encoder.surface")),
+        ("numba", ("encoder.compiling", "encoder.dhf.network", "encoder.pipeline", "encoder.surface")),
         ("llvmlite", ("encoder.dhf.network",)),
         ("click", ("cli",)),
         ("matplotlib", ("report", "batch.report", "cli.compare")),

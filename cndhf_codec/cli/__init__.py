@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from ..errors import CndhfError, CndhfWarning, OptionError, require
+from .terminal import CLEAR, wrapped
 
 
 def encode() -> None:
@@ -88,7 +89,9 @@ def _run(name: str) -> int:
 def _show_warning(program: str, message: Warning | str, category: type[Warning], *place: Any, **_: Any) -> None:
     """Print this package's warnings as one line, and all others as Python does."""
     if issubclass(category, CndhfWarning):
-        text = f"{program}: warning: {' '.join(str(message).split())}\n"
+        text = wrapped(f"{program}: warning: {' '.join(str(message).split())}\n", sys.stderr)
+        if sys.stderr.isatty():
+            text = f"{CLEAR}{text}"  # a progress bar may stand there
     else:
         text = warnings.formatwarning(message, category, *place[:2])
     sys.stderr.write(text)
@@ -96,5 +99,5 @@ def _show_warning(program: str, message: Warning | str, category: type[Warning],
 
 def _fail(program: str, message: str, code: int) -> int:
     one_line = " ".join(message.split())
-    sys.stderr.write(f"{program}: error: {one_line}\n")
+    sys.stderr.write(wrapped(f"{program}: error: {one_line}\n", sys.stderr))
     return code

@@ -9,6 +9,7 @@ import click
 
 from ..errors import OptionError
 from ..mesh.lengths import parse_size
+from .terminal import say
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -117,5 +118,5 @@ def command(
     finally:
         shown.close()
         runner.close()
-    click.echo(shown.summary())
+    say(shown.summary())
     return 1 if shown.failed else 0

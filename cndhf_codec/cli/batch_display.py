@@ -13,6 +13,7 @@ from ..batch.jobs import OUTCOMES, Result
 from ..encoder.progress import duration
 from ..mesh.wording import counted
 from .summary import change
+from .terminal import wrapped
 
 BAR = 20  # characters, at most
 SHOWN = 0.1  # seconds between two drawings of the bar
@@ -53,7 +54,7 @@ class Display:
 
     def failure(self, result: Result) -> None:
         line = f"cndhf-batch: {OUTCOMES[result.outcome]}: {result.input}: {result.reason}\n"
-        sys.stderr.write(line)
+        sys.stderr.write(wrapped(line, sys.stderr))
 
     def close(self) -> None:
         """Leave the screen to what follows."""
@@ -126,12 +127,17 @@ class Bar(Display):
         filled = round(BAR * share)
         parts = [f"[{'#' * filled}{'.' * (BAR - filled)}] {ended}/{self.total}"]
         speed = self.speed()
-        if speed:
-            parts.append(f"{60 * speed:.3g} per minute")
+        if speed and ended < self.total:
             parts.append(f"{duration((self.total - ended) / speed)} left")
         if self.failed:
             parts.append(f"{self.failed} failed")
-        return f"{', '.join(parts)}: {', '.join(self._flying)}"[: columns - 1]
+        if speed:
+            parts.append(f"{60 * speed:.3g} per minute")
+        line = parts[0]
+        for part in parts[1:]:
+            if len(line) + 2 + len(part) < columns:
+                line += f", {part}"
+        return f"{line}: {', '.join(self._flying)}"[: columns - 1]
 
     def _draw(self) -> None:
         now = time.monotonic()

@@ -9,6 +9,7 @@ import click
 
 from ..errors import require
 from ..files import check_output, write_atomically
+from .terminal import say
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -41,7 +42,7 @@ def command(
     result = compare(read_shape(a, resolution), read_shape(b, resolution))
     for path, shape in ((a, result.a), (b, result.b)):
         for note in shape.notes:
-            click.echo(f"cndhf-compare: warning: {path}: {note}", err=True)
+            say(f"cndhf-compare: warning: {path}: {note}", err=True)
     if html is not None:
         from ..report.page import page
 
@@ -50,6 +51,6 @@ def command(
     if as_json:
         click.echo(json.dumps(values, indent=2))
         return
-    click.echo(f"{a} ({result.a.bytes} bytes) and {b} ({result.b.bytes} bytes), diagonal {result.diagonal:.4g}")
+    say(f"{a} ({result.a.bytes} bytes) and {b} ({result.b.bytes} bytes), diagonal {result.diagonal:.4g}")
     for key, name in (("mean_error", "mean"), ("p99_error", "p99"), ("max_error", "maximum")):
         click.echo(f"{name:<10}{values[key]:<12.4g}{values['percent'][key]:.4f} %")

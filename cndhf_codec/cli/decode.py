@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import OptionError
 from ..files import STREAM, check_output
 from .streams import check_standard_output, read_input
+from .terminal import say
 
 if TYPE_CHECKING:
     from ..decoder.model import Model
@@ -161,17 +162,17 @@ def command(
         else:
             note = write_mesh(mesh, path, overwrite, normals, embedded)
         if note is not None:
-            click.echo(f"cndhf-decode: warning: {note}", err=True)
+            say(f"cndhf-decode: warning: {note}", err=True)
         if not (quiet or to_stream):
             closed = bool(model.info.get("closed", True))
             what = f"{path.stat().st_size} bytes, no mesh" if embed_only else _summary(mesh, closed, normals)
-            click.echo(f"{path}: {what}")
+            say(f"{path}: {what}")
     if grid is not None and occupancy is not None:
         write_grid(occupancy, *grid, overwrite)
         if not quiet:
             shape = " x ".join(str(n) for n in grid[0].shape)
             # Where the standard output holds a mesh, the summary goes to standard error.
-            click.echo(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
+            say(f"{occupancy}: {shape} nodes, {100 * grid[0].mean():.1f} % inside", err=to_stream)
 
 
 def _paths(target: Path, n: int) -> list[Path]:

@@ -14,6 +14,7 @@ from ..errors import CndhfError, OptionError
 from ..files import STREAM, check_output
 from .streams import check_standard_output, standard_input
 from .summary import summary, united_line
+from .terminal import say
 
 if TYPE_CHECKING:
     from ..encoder.check import Check
@@ -93,7 +94,8 @@ if TYPE_CHECKING:
     "--time-limit",
     metavar="SECONDS",
     type=float,
-    help="Make the fit short enough to keep to it, or fail; equal seeds then no longer give equal bytes.",
+    help="Make the fit short enough to keep to it, or fail; equal seeds then no longer give equal bytes. "
+    "Compiling, on a machine's first encode, is not counted.",
 )
 @click.option("--seed", type=int, default=0, help="Equal seeds give equal bytes on one kind of machine.")
 @click.option("--threads", type=int, help="Threads to use.  [default: all]")
@@ -180,7 +182,7 @@ def command(
         else:
             model.save(target, overwrite=overwrite)
         if not (quiet or target == STREAM):
-            click.echo(summary(source, target, model, verbose))
+            say(summary(source, target, model, verbose))
 
     if folder is None:
         run(*jobs[0])
@@ -193,7 +195,7 @@ def command(
             raise
         except CndhfError as exc:
             failed = 1
-            click.echo(f"cndhf-encode: error: {' '.join(str(exc).split())}", err=True)
+            say(f"cndhf-encode: error: {' '.join(str(exc).split())}", err=True)
     return failed
 
 
@@ -246,7 +248,7 @@ def _check(
 
     found = check(source, thicken=thicken, unit=unit, solid=solid, seed=seed)
     refused = wanted == "dhf" and found.refusal is not None
-    click.echo(json.dumps(asdict(found), indent=2) if as_json else _checked(found, wanted))
+    say(json.dumps(asdict(found), indent=2) if as_json else _checked(found, wanted))
     return 1 if refused else 0
 
 

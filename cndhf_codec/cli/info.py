@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from .streams import read_input
+from .terminal import say
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -25,7 +26,7 @@ def command(source: Path, as_json: bool) -> None:
 
     data, name = read_input(source)
     info = load_bytes(data, name).info
-    click.echo(json.dumps(info, indent=2) if as_json else _table(name, info))
+    say(json.dumps(info, indent=2) if as_json else _table(name, info))
 
 
 def _table(source: str, info: dict[str, Any]) -> str:
@@ -68,7 +69,7 @@ def _height_fields(info: dict[str, Any]) -> list[str]:
         f"{info['parameters']} weights, {8 * info['sections']['weights'] / info['parameters']:.2f} bits each "
         f"({info['bits_per_parameter']:.2f} of the whole file)",
         "",
-        *_columns([("field", "axis", "mirrored", "width", "hidden layers", "weights"), *fields]),
+        *_columns([("field", "axis", "mirror", "width", "layers", "weights"), *fields]),
     ]
 
 

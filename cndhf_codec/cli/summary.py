@@ -47,7 +47,7 @@ def summary(source: Path, target: Path, model: Model, verbose: bool) -> str:
     def share(value: float) -> str:
         return f"{100 * value / report.diagonal:.2g} %"
 
-    pieces = counted(decoded.parts + decoded.minor, "piece")
+    pieces = counted(decoded.parts + decoded.minor, "piece") if decoded.closed else "open"
     lines.append(
         f"{change(_size(source), size)}, mean error {share(d.mean)} of the diagonal, p99 {share(d.p99)}, maximum "
         f"{share(d.maximum)}, {pieces}, {sum(report.seconds.values()):.0f} s"
@@ -84,7 +84,7 @@ def _bytes(size: int) -> str:
 
 def _bodies(found: Bodies) -> str:
     if not found.closed:
-        return f"open, volume about {found.volume:.3g}"
+        return "open"
     tiny = f" and {found.minor} tiny" if found.minor else ""
     return f"{counted(found.parts)}{tiny}, volume {found.volume:.4g}"
 

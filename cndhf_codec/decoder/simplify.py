@@ -19,6 +19,7 @@ from .results import TriangleMesh
 HOLD = 1e-8
 LEAST_COSINE = 0.2  # a face may turn by up to 78 degrees in one collapse; beyond it would soon fold over
 LEAST_FACES = 4  # of a closed mesh
+ROUND = 40  # a round collapses at most one edge for so many triangles: cheap ones come before dear ones
 PASSES = 2  # choices of edges in a round; the second among those that the first leaves room for
 
 
@@ -49,7 +50,7 @@ def simplified(mesh: TriangleMesh, tolerance: float = np.inf, faces: int = LEAST
     500
     """
     work = _Work(mesh)
-    while len(work.faces) > faces and work.round(tolerance, (len(work.faces) - faces + 1) // 2):
+    while (left := len(work.faces)) > faces and work.round(tolerance, min((left - faces + 1) // 2, left // ROUND + 1)):
         pass
     work.compact()
     return TriangleMesh(work.vertices, work.faces)
@@ -238,27 +239,36 @@ def _quadrics(vertices: F64, faces: I64) -> tuple[F64, F64]:
 
 
 def _best(q: F64, a: F64, b: F64) -> tuple[F64, F64]:
-    """(N, 3) where quadrics (10, N) are least, and their values there; the middle of a and b where that is not known.
+    """(N, 3) where quadrics (10, N) are least, and their values there.
 
-    Values below rounding are 0.
+    Where that is not known: the middle of a and b, or the one of them, whichever is least. Values below rounding are 0.
     """
-    xx, xy, xz, yy, yz, zz, x, y, z, one = q
+    xx, xy, xz, yy, yz, zz, x, y, z, _ = q
     # The inverse by cofactors: symmetric.
     c00, c01, c02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     c11, c12, c22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     det = xx * c00 + xy * c01 + xz * c02
-    middle = (a.T + b.T) / 2
+    middle = (a + b).T / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         p = -np.stack([c00 * x + c01 * y + c02 * z, c01 * x + c11 * y + c12 * z, c02 * x + c12 * y + c22 * z]) / det
     # Far from the edge, the planes are nearly parallel and say nothing.
     length = ((a - b) ** 2).sum(axis=1)
     with np.errstate(invalid="ignore"):
-        near = ((p - middle) ** 2).sum(axis=0) <= 4 * length
-    p = np.where(near, p, middle)
-    value = (
+        far = np.flatnonzero(~(((p - middle) ** 2).sum(axis=0) <= 4 * length))
+    # The middle alone would cut tips off: at the end of a thin leg planes of all its sides meet.
+    ends = np.stack([middle[:, far], a[far].T, b[far].T])
+    least = np.argmin([_value(q[:, far], end) for end in ends], axis=0)
+    p[:, far] = ends[least, :, np.arange(len(far))].T
+    return np.ascontiguousarray(p.T), np.maximum(_value(q, p), 0.0)
+
+
+def _value(q: F64, p: F64) -> F64:
+    """(N,) of quadrics (10, N) at points (3, N)."""
+    xx, xy, xz, yy, yz, zz, x, y, z, one = q
+    out: F64 = (
         p[0] * (xx * p[0] + 2 * (xy * p[1] + xz * p[2] + x))
         + p[1] * (yy * p[1] + 2 * (yz * p[2] + y))
         + p[2] * (zz * p[2] + 2 * z)
         + one
     )
-    return np.ascontiguousarray(p.T), np.maximum(value, 0.0)
+    return out

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 
 class Deadline:
-    """A time limit of some seconds from now, by default infinitely many."""
+    """A time limit of some seconds from now, by default infinitely many. now: the clock, in seconds."""
 
-    def __init__(self, seconds: float = math.inf) -> None:
-        self._seconds = max(seconds, 1e-3)
-        self._start = time.monotonic()
+    def __init__(self, seconds: float = math.inf, now: Callable[[], float] = time.monotonic) -> None:
+        self._seconds, self._now = max(seconds, 1e-3), now
+        self._start = now()
 
     def passed(self) -> float:
         """Share of the time that has passed: 1 or more when it is over, 0 without a limit."""
@@ -23,15 +24,15 @@ class Deadline:
 
     def gone(self) -> float:
         """Seconds since the start."""
-        return time.monotonic() - self._start
+        return self._now() - self._start
 
     def before(self, seconds: float) -> Deadline:
         """A deadline so many seconds earlier."""
-        return Deadline(self._seconds - self.gone() - seconds)
+        return Deadline(self._seconds - self.gone() - seconds, self._now)
 
     def part(self, share: float) -> Deadline:
         """A deadline after that share of the time that is left."""
-        return Deadline(share * (self._seconds - self.gone()))
+        return Deadline(share * (self._seconds - self.gone()), self._now)
 
 
 class Pace:

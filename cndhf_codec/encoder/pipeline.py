@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-import time
 import warnings
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from threading import RLock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from ..mesh.lengths import Length, parse_length
 from ..mesh.prepare import AsGiven, Prepared, as_given, as_solid, solid_or_error
 from ..mesh.solid import Solid
 from ..mesh.unite import united
+from .compiling import Compiling, told
 from .deadline import Deadline
 from .dhf.axes.costs import AxisCosts
 from .progress import OnStep, Progress, silent
@@ -107,7 +109,8 @@ def encode(
     steps : int, optional
         Of the fit of each field, with preset "paper" only: 5,000 by default, a million in the paper.
     time_limit : float, optional
-        Seconds. The fit is cut short to keep to it, and bytes then depend on the machine's speed.
+        Seconds. The fit is cut short to keep to it, and bytes then depend on the machine's speed. Compiling, on a
+        machine's first encode, is not counted.
     seed : int
         Equal seeds give equal bytes on machines of one kind. 0 to 2^32 - 1.
     threads : int, optional
@@ -170,23 +173,24 @@ def encode(
     metadata = Metadata(__version__, 0.0, 0.0, 0.0, named)
     pack_metadata(metadata)
 
-    deadline = Deadline(seconds)
     report = Report()
     clock = _Clock(report, progress)
-    clock("read", 1)
-    given = as_given(source)
-    if solid:
-        clock("unite", 1)
-        given, report.united = united(as_solid(given, wall), seed)
-        wall = None
-    run = _Run(given, wall, metadata, seed, threads, report, clock, limits)
-    if plan.surface is None:
-        model = run.planned(plan, deadline)
-    else:
-        from .surface.threads import compiled_threads
+    # The limit is on the encode: compiling, once per machine, cannot be cut short.
+    deadline = Deadline(seconds, clock.compiling.now)
+    with ExitStack() as during:
+        during.enter_context(told(clock.compiling))
+        if plan.surface is not None:
+            from .surface.threads import compiled_threads
 
-        with compiled_threads(threads):
-            model = run.planned(plan, deadline)
+            during.enter_context(compiled_threads(threads))
+        clock("read", 1)
+        given = as_given(source)
+        if solid:
+            clock("unite", 1)
+            given, report.united = united(as_solid(given, wall), seed)
+            wall = None
+        run = _Run(given, wall, metadata, seed, threads, report, clock, limits)
+        model = run.planned(plan, deadline)
     if seconds < math.inf and model.report.poor:
         raise EncodeError(
             f"within the time limit of {seconds:g} s only a poor fit was reached ({model.report.poor[0]}); allow more "
@@ -450,21 +454,36 @@ def _bytes(model: Model) -> float:
 
 
 class _Clock:
-    """Announce the stages of an encode and time them. A stage ends where the next begins."""
+    """Announce the stages of an encode and time them. A stage ends where the next begins; compiling interrupts it."""
 
     def __init__(self, report: Report, progress: Progress) -> None:
         self._report, self._progress = report, progress
-        self._stage, self._total, self._start = "", 1, 0.0
+        self._stage, self._done, self._total, self._start = "", 0, 1, 0.0
+        self._lock = RLock()  # any thread compiles
+        self.compiling = Compiling(self._compiling_changed)
 
     def __call__(self, stage: str, total: int) -> OnStep:
         self.close()
-        self._stage, self._total, self._start = stage, total, time.perf_counter()
-        self._progress(stage, 0, total)
-        return lambda done, loss: self._progress(stage, done, total, loss)
+        self._stage, self._total, self._start = stage, total, self.compiling.now()
+        self._tell(0)
+        return self._tell
 
     def close(self) -> None:
         if self._stage:
             seconds = self._report.seconds
-            seconds[self._stage] = seconds.get(self._stage, 0.0) + time.perf_counter() - self._start
-            self._progress(self._stage, self._total, self._total)
+            seconds[self._stage] = seconds.get(self._stage, 0.0) + self.compiling.now() - self._start
+            if self.compiling.seconds:
+                seconds["compile"] = self.compiling.seconds
+            self._tell(self._total)
             self._stage = ""
+
+    def _tell(self, done: int, loss: float = math.nan) -> None:
+        with self._lock:
+            self._done = done
+            self._progress(self._stage, done, self._total, loss)
+
+    def _compiling_changed(self, begins: bool) -> None:
+        with self._lock:
+            self._progress("compile", 0 if begins else 1, 1)
+            if not begins and self._stage:
+                self._progress(self._stage, self._done, self._total)

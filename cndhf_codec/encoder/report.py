@@ -64,7 +64,7 @@ class Report:
     bodies, decoded : Bodies or None
         Parts and volume of the input and of the decoded file.
     seconds : dict
-        Of each stage.
+        Of each stage, and "compile" where code was compiled, which the stages leave out.
     """
 
     representation: str = ""

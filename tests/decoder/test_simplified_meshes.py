@@ -10,7 +10,7 @@ from analytic import ring, slab, wavy
 
 from cndhf_codec.decoder.queries import TriangleQueries
 from cndhf_codec.decoder.results import TriangleMesh
-from cndhf_codec.decoder.simplify import simplified
+from cndhf_codec.decoder.simplify import _best, _quadrics, _value, simplified
 
 
 def of(mesh: trimesh.Trimesh) -> TriangleMesh:
@@ -90,3 +90,17 @@ def test_equal_meshes_give_equal_ones():
     first, second = simplified(mesh, 1e-3), simplified(mesh, 1e-3)
     assert np.array_equal(first.vertices, second.vertices)
     assert np.array_equal(first.faces, second.faces)
+
+
+def test_a_collapse_is_nowhere_worse_than_at_its_ends_and_middle():
+    rng = np.random.default_rng(0)
+    mesh = trimesh.creation.icosphere(3)
+    bumpy = mesh.vertices * (1 + rng.normal(0, 0.001, (len(mesh.vertices), 1)))
+    quadrics = _quadrics(bumpy, np.asarray(mesh.faces, dtype=np.int64))[0]
+    first, second = mesh.edges_unique.T
+    a, b, both = bumpy[first], bumpy[second], quadrics[:, first] + quadrics[:, second]
+    least = np.min([_value(both, p.T) for p in (a, b, (a + b) / 2)], axis=0)
+    place, value = _best(both, a, b)
+    far = np.linalg.norm(place - (a + b) / 2, axis=1) > 2.001 * np.linalg.norm(a - b, axis=1)
+    assert not far.any()
+    assert (value <= least + 1e-12).all()

@@ -108,7 +108,7 @@ def test_report(encoded):
     assert (report.faces, report.dropped_faces, report.flipped, report.unknown) == (len(truth.faces), 0, 0, 0)
     assert report.diagonal == pytest.approx(np.linalg.norm(truth.extents))
     assert 0.9 < report.covered <= report.visible <= 1
-    assert set(report.seconds) == {"read", "axes", "fit", "joint fit", "round", "verify"}
+    assert set(report.seconds) - {"compile"} == {"read", "axes", "fit", "joint fit", "round", "verify"}
     assert len(model.dumps()) < 6000
 
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from quietly import encode_quietly
 
-from cndhf_codec.encoder import deadline, settings, size_search
+from cndhf_codec.encoder import compiling, deadline, settings, size_search
 from cndhf_codec.encoder.size_search import ErrorLimits, smallest_file
 from cndhf_codec.errors import EncodeError, OptionError
 from cndhf_codec.mesh.distances import Distances
@@ -106,7 +106,7 @@ def test_a_time_limit_shortens_the_fit(creature, tiny, monkeypatch):
     endless = settings.replace(settings.PRESETS["fast"], steps=10**7, joint_steps=10**7, round_steps=10**7)
     monkeypatch.setitem(settings.PRESETS, "fast", endless)
     # A clock that goes on by a hundredth of a second per look.
-    monkeypatch.setattr(deadline, "time", SimpleNamespace(monotonic=partial(next, count(0, 0.01))))
+    monkeypatch.setattr(compiling, "time", SimpleNamespace(monotonic=partial(next, count(0, 0.01))))
     _, report = encode_quietly(creature, preset="fast", representation="dhf", width=8, time_limit=12, threads=1)
     assert report.normalised.mean < 0.1
 

@@ -56,6 +56,7 @@ FINEST = 2.0**-17  # step: less than a thousandth of a percent of the diagonal
 MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
+ROUNDING, POLISHING = 5, 2  # times in rounds of the fit: for the progress alone, ADR 044
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
 
@@ -80,13 +81,13 @@ def surface_of_size(
 ) -> Sized:
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     wanted = 2 * 8 * size / BITS_PER_VERTEX
-    on_step = stage("fit", 1 + FILLS + BALANCINGS + len(settings.other_counts) + settings.edits)
     simplify = _Simplify(given, round(START * wanted))
+    work = _Work(settings, wanted, stage)
     pace = Pace(deadline)
     mesh = simplify.to(round(wanted))
     simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
     first = _rounded(simple.best, mesh, target, size, final=False)
-    on_step(1, first.error)
+    work(1, 0, 0, simple.best, first.error)
     pace.done()
     first_time = pace.last
     if deadline.left() < LEAST_TRY * first_time:
@@ -105,13 +106,13 @@ def surface_of_size(
         return made
 
     best = tried(wanted * _times(first, len(mesh.vertices), size))
-    on_step(2, best.sized.error)
+    work(2, 0, 0, best.one, best.sized.error)
     for k in range(1, FILLS):
         n_bytes, n_faces = len(best.sized.body), len(best.mesh.faces)
         if n_bytes <= size and (n_bytes >= CLOSE * size or n_faces >= len(given.faces) or not pace.more):
             break
         made = tried(n_faces * size / n_bytes)
-        on_step(k + 2, made.sized.error)
+        work(3, 0, 0, made.one, made.sized.error)
         best = min(best, made, key=lambda one: (len(one.sized.body) > size, one.sized.error))
     if len(best.sized.body) > size:
         return best.sized
@@ -121,7 +122,7 @@ def surface_of_size(
         if times == 1 or not pace.more:
             break
         made = tried(times * len(best.mesh.faces))
-        on_step(FILLS + k + 2, made.sized.error)
+        work(3, 0, 0, made.one, made.sized.error)
         powers = _power(best.one, made.one)
         best = _better(best, made, size)
     # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
@@ -130,11 +131,10 @@ def surface_of_size(
         if not pace.more:
             break
         best = _better(best, tried(factor * around), size)
-        on_step(FILLS + BALANCINGS + k + 2, best.sized.error)
+        work(3, k + 1, 0, best.one, best.sized.error)
     sized, mesh, one = best
     if settings.edits == 0 or not pace.more:
         return sized
-    before = 1 + FILLS + BALANCINGS + len(settings.other_counts)
     mesh, one = edited(
         one,
         mesh,
@@ -143,13 +143,39 @@ def surface_of_size(
         8 * size,
         settings.edits,
         deadline.before(pace.last),  # what comes after takes no longer than a try
-        lambda cycles, error: on_step(before + cycles, error),
+        lambda cycles, error: work(3, len(settings.other_counts), cycles, one, error),
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
     again = _rounded(one._replace(control=control, error=error), mesh, target, size)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
+
+
+class _Work:
+    """Tells how much is done, in rounds of the fit, which take equally long."""
+
+    def __init__(self, settings: SurfaceSettings, faces: float, stage: Stage) -> None:
+        """faces: that the control mesh is expected to have."""
+        self._settings = settings
+        self._total = round(self._rounds(1.5 * faces))
+        self._on_step = stage("fit", self._total)
+
+    def __call__(self, tries: int, others: int, cycles: int, one: Fitted, error: float) -> None:
+        """Tell of the first tries, of which 3 are all, those with other counts, and cycles of edits that are over. one:
+        the last fit."""
+        smooth = 3 * len(one.control) - len(one.sharp)
+        share = self._rounds(smooth, tries, others, cycles) / self._rounds(smooth)
+        self._on_step(round(share * self._total), error)
+
+    def _rounds(self, smooth: float, tries: int = 3, others: int = -1, cycles: int = -1) -> float:
+        """By default all. smooth: edges that are; the more, the longer is a cycle of edits."""
+        s = self._settings
+        first, later = s.trial_rounds + ROUNDING, 3 * s.trial_rounds + s.rounds + ROUNDING + POLISHING
+        last = first if s.edits and cycles < 0 else 0
+        others, cycles = len(s.other_counts) if others < 0 else others, s.edits if cycles < 0 else cycles
+        # The second try mostly fills the file and is balanced, so what follows counts a third.
+        return first + later * ((tries > 1) + (tries > 2) / 3 + others) + math.sqrt(max(smooth, 1)) * cycles + last
 
 
 class _Simplify:
