@@ -1,85 +1,96 @@
-/** Adaptive subdivision: triangles of several levels without gaps, as near to the surface as is needed everywhere. */
-import { nextHalf } from "./manifold.js";
-import { type LimitMesh, limitMesh } from "./limit.js";
-import { divide, nextVertices, type Topology } from "./subdivision.js";
+/** Meshes of the limit surface: triangles of several levels without gaps, as near to it as is needed everywhere. */
+import { nextHalf, previousHalf } from "./manifold.js";
+import { type Sectors, sectorsOf, type Step } from "./sectors.js";
+import { divide, limitPoints, nextLimitPoints, nextVertices, type Topology } from "./subdivision.js";
 
-const MAX_LEVEL = 6;
-const MOST_FACES = 2 ** 19; // of the finest level
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
 // The triangles of a face by its divided edges: edge k, from corner k to the next, counts 2^k. Points 0 to 2 are its
 // corners, 3 + k the middle of edge k.
-const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150"];
+const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150", "035314542345"].map((cut) =>
+  [...cut].map(Number),
+);
+
+export interface LimitMesh extends Sectors {
+  /** Points of the limit surface, three coordinates per vertex. */
+  points: Float64Array;
+  /** Three sectors per triangle. */
+  index: Uint32Array;
+}
 
 /**
  * The mesh of a control mesh with these vertices. An edge is divided where the surface is farther from it than the
- * tolerance, which follows from the diagonal. Where `isOriented`, vertices are moved outward, see `balance`.
+ * tolerance, which follows from the diagonal, up to `maxLevel` times. A tolerance below 0 divides all as often. Where
+ * `isBalanced`, vertices are moved outward, see `balance`.
  */
-export function adaptiveMesh(
-  mesh: Topology,
+export function limitMesh(
+  control: Topology,
   vertices: Float64Array,
   toleranceOf: (diagonal: number) => number,
-  isOriented: boolean,
+  maxLevel: number,
+  isBalanced: boolean,
 ): LimitMesh {
-  const faces = mesh.faces;
-  const levels: Topology[] = []; // without the finest
-  const divided: Uint8Array[] = [];
-  let fine = limitMesh(mesh, vertices, false);
-  const tolerance = toleranceOf(diagonal(fine.points));
-  let error = 0;
-  for (let k = 0; k < MAX_LEVEL && (faces.length / 3) * 4 ** (k + 1) <= MOST_FACES; k++) {
-    if (k) mesh = divide(mesh);
-    vertices = nextVertices(mesh, vertices);
-    const next = limitMesh(mesh, vertices, true);
-    const found = distances(mesh, next.points);
-    const before = k ? error : 0;
-    error = found.slice().sort()[Math.floor((1 - BEYOND) * (found.length - 1))]!;
-    if (error <= tolerance) break;
-    levels.push(mesh);
-    divided.push(Uint8Array.from(found, (d) => (d > tolerance ? 1 : 0)));
-    fine = next;
+  const steps: Step[] = [];
+  let mesh = control;
+  let next = nextVertices(mesh, vertices);
+  let points = limitPoints(mesh, vertices, next);
+  const tolerance = toleranceOf(diagonal(points));
+  let error = 0; // of the level before
+  for (let k = 0; k < maxLevel; k++) {
+    if (k) {
+      mesh = divide(mesh);
+      next = nextVertices(mesh, next);
+    }
+    const finer = nextLimitPoints(mesh, next, points);
+    const n = mesh.sharp.length;
+    const divided = new Uint8Array(n).fill(1);
+    let ratio = Infinity;
+    if (tolerance >= 0) {
+      const found = distances(mesh, finer);
+      let nFar = 0;
+      for (let e = 0; e < n; e++) {
+        divided[e] = found[e]! > tolerance ? 1 : 0;
+        if (divided[e]) found[nFar++] = found[e]!;
+      }
+      const nBeyond = n - 1 - Math.floor((1 - BEYOND) * (n - 1));
+      if (nFar <= nBeyond) break;
+      const before = error;
+      error = found.subarray(0, nFar).sort()[nFar - 1 - nBeyond]!;
+      ratio = before ? error / before : 1;
+    }
+    steps.push({ mesh, next, divided });
+    points = finer;
     // A step divides the error by four in the end. When that will do, it is believed.
-    if (Math.max(before ? error / before : 1, 1 / 4) * error < tolerance) break;
+    if (Math.max(ratio, 1 / 4) * error < tolerance) break;
   }
   // Faces of which any edge is divided exist only where the face that they come from is divided as a whole.
-  for (let k = levels.length - 1; k > 0; k--) {
-    levels[k]!.ofHalf.forEach((e, h) => {
+  for (let k = steps.length - 1; k > 0; k--) {
+    const { mesh: { ofHalf }, divided } = steps[k]!;
+    const coarse = steps[k - 1]!;
+    for (let h = 0; h < ofHalf.length; h++) {
+      if (!divided[ofHalf[h]!]) continue;
       const whole = 3 * Math.floor(h / 12);
-      if (divided[k]![e]) for (let i = whole; i < whole + 3; i++) divided[k - 1]![levels[k - 1]!.ofHalf[i]!] = 1;
-    });
-  }
-  const index: number[] = [];
-  const add = (k: number, face: number): void => {
-    const finer = 4 ** (levels.length - k); // corner h is corner 4 h of the next level
-    let kind = 0;
-    if (finer > 1) for (let i = 0; i < 3; i++) kind += divided[k]![levels[k]!.ofHalf[3 * face + i]!]! << i;
-    if (kind === 7) for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
-    // The middle of edge i is corner i of the face in the middle.
-    else for (const p of CUTS[kind]!) index.push(fine.index[+p < 3 ? (3 * face + +p) * finer : ((12 * face + 6 + +p) * finer) / 4]!);
-  };
-  for (let face = 0; face < faces.length / 3; face++) add(0, face);
-  fine.index = Uint32Array.from(index);
-  if (isOriented) {
-    const { sharpness, sharp } = mesh;
-    const isSmooth = (v: number): boolean => !(v < sharpness.length ? sharpness[v] : sharp[v - sharpness.length]);
-    balance(fine, isSmooth);
-  }
-  return fine;
-}
-
-/** Leave out what no triangle uses. */
-export function withoutUnused({ points, normals, index }: LimitMesh): Omit<LimitMesh, "further"> {
-  const numbers = new Int32Array(points.length / 3);
-  let count = 0; // of those in use; their numbers are from 1
-  const renumbered = index.map((v) => (numbers[v] ||= ++count) - 1);
-  const made = { points: new Float64Array(3 * count), normals: new Float32Array(3 * count), index: renumbered };
-  for (let v = 0; v < numbers.length; v++) {
-    const to = 3 * numbers[v]! - 3;
-    for (let k = 0; to >= 0 && k < 3; k++) {
-      made.points[to + k] = points[3 * v + k]!;
-      made.normals[to + k] = normals[3 * v + k]!;
+      for (let i = whole; i < whole + 3; i++) coarse.divided[coarse.mesh.ofHalf[i]!] = 1;
     }
   }
+  const sectors = sectorsOf(control, vertices, steps, points);
+  const index = new Uint32Array(control.faces.length * 4 ** steps.length);
+  let size = 0;
+  const add = (k: number, face: number): void => {
+    let kind = 0;
+    const step = steps[k];
+    if (step) for (let i = 0; i < 3; i++) kind += step.divided[step.mesh.ofHalf[3 * face + i]!]! << i;
+    if (kind === 7 && k < steps.length - 1) {
+      for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
+    } else {
+      for (const p of CUTS[kind]!) {
+        index[size++] = p < 3 ? sectors.ofCorner[k]![3 * face + p]! : sectors.ofHalf[k]![3 * face + p - 3]!;
+      }
+    }
+  };
+  for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
+  const made = { ...sectors, points, index: index.slice(0, size) };
+  if (isBalanced) balance(made, steps.at(-1)?.mesh ?? control);
   return made;
 }
 
@@ -98,42 +109,39 @@ function diagonal(points: Float64Array): number {
   return Math.sqrt(square);
 }
 
-const product = new Float64Array(3);
-
-/** Set `product` to the cross product of b - a and c - a, each a vertex of points. Gives its length. */
-function setProduct(points: Float64Array, a: number, b: number, c: number): number {
-  for (let k = 0; k < 3; k++) {
-    const i = (k + 1) % 3;
-    const j = (k + 2) % 3;
-    const x = points[3 * a + i]!;
-    const y = points[3 * a + j]!;
-    product[k] = (points[3 * b + i]! - x) * (points[3 * c + j]! - y) - (points[3 * b + j]! - y) * (points[3 * c + i]! - x);
-  }
-  return Math.sqrt(product[0]! ** 2 + product[1]! ** 2 + product[2]! ** 2);
-}
-
 /**
  * How far the limit surface is from each edge's middle: from the planes of the triangles beside it, and of a sharp edge
  * from itself, too. `points` are those of the next level.
  */
 function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64Array): Float64Array {
   const out = new Float64Array(sharp.length);
-  const length = (a: number, b: number): number =>
-    Math.sqrt(
-      (points[3 * b]! - points[3 * a]!) ** 2 + (points[3 * b + 1]! - points[3 * a + 1]!) ** 2 + (points[3 * b + 2]! - points[3 * a + 2]!) ** 2,
-    );
   for (let h = 0; h < faces.length; h++) {
-    const a = faces[h]!;
-    const b = faces[nextHalf(h)]!;
+    const a = 3 * faces[h]!;
+    const b = 3 * faces[nextHalf(h)]!;
+    const c = 3 * faces[previousHalf(h)]!;
     const e = ofHalf[h]!;
-    const middle = valences.length + e;
-    const size = setProduct(points, a, b, faces[nextHalf(nextHalf(h))]!);
-    let far = 0;
-    for (let k = 0; size && k < 3; k++) far += (product[k]! / size) * (points[3 * middle + k]! - points[3 * a + k]!);
-    far = Math.abs(far);
+    const m = 3 * (valences.length + e);
+    const x = points[a]!;
+    const y = points[a + 1]!;
+    const z = points[a + 2]!;
+    const bx = points[b]! - x;
+    const by = points[b + 1]! - y;
+    const bz = points[b + 2]! - z;
+    const cx = points[c]! - x;
+    const cy = points[c + 1]! - y;
+    const cz = points[c + 2]! - z;
+    const mx = points[m]! - x;
+    const my = points[m + 1]! - y;
+    const mz = points[m + 2]! - z;
+    const nx = by * cz - bz * cy;
+    const ny = bz * cx - bx * cz;
+    const nz = bx * cy - by * cx;
+    const size = Math.sqrt(nx * nx + ny * ny + nz * nz);
+    let far = size && Math.abs(nx * mx + ny * my + nz * mz) / size;
     if (sharp[e]) {
-      const chord = length(a, b);
-      far = Math.max(far, chord ? setProduct(points, a, b, middle) / chord : length(a, middle));
+      const chord = bx * bx + by * by + bz * bz;
+      const along = chord && (bx * mx + by * my + bz * mz) / chord;
+      far = Math.max(far, Math.sqrt((mx - along * bx) ** 2 + (my - along * by) ** 2 + (mz - along * bz) ** 2));
     }
     if (far > out[e]!) out[e] = far;
   }
@@ -142,36 +150,44 @@ function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64
 
 /**
  * Move smooth vertices off the surface by a quarter of their height over the mean of their neighbours: then the
- * triangles are as much outside as inside of it.
+ * triangles are as much outside as inside of it. Those of an oriented mesh have one sector each.
  */
-function balance({ points, index, further }: LimitMesh, isSmooth: (vertex: number) => boolean): void {
-  const n = points.length;
-  const normals = new Float64Array(n);
-  const sums = new Float64Array(n);
-  const counts = new Float64Array(n / 3);
+function balance({ points, index, ofSector }: LimitMesh, { sharp, sharpness }: Topology): void {
+  const sums = new Float64Array(7 * ofSector.length); // of normals, neighbours, and corners
   for (let t = 0; t < index.length; t += 3) {
-    const a = index[t]!;
-    const b = index[t + 1]!;
-    const c = index[t + 2]!;
-    setProduct(points, a, b, c);
+    const a = 3 * ofSector[index[t]!]!;
+    const b = 3 * ofSector[index[t + 1]!]!;
+    const c = 3 * ofSector[index[t + 2]!]!;
+    const x = points[a]!;
+    const y = points[a + 1]!;
+    const z = points[a + 2]!;
+    const bx = points[b]! - x;
+    const by = points[b + 1]! - y;
+    const bz = points[b + 2]! - z;
+    const cx = points[c]! - x;
+    const cy = points[c + 1]! - y;
+    const cz = points[c + 2]! - z;
     for (let i = t; i < t + 3; i++) {
-      const v = index[i]!;
-      counts[v]! += 3;
-      for (let k = 0; k < 3; k++) {
-        normals[3 * v + k]! += product[k]!;
-        sums[3 * v + k]! += points[3 * a + k]! + points[3 * b + k]! + points[3 * c + k]!;
-      }
+      const s = 7 * index[i]!;
+      sums[s]! += by * cz - bz * cy;
+      sums[s + 1]! += bz * cx - bx * cz;
+      sums[s + 2]! += bx * cy - by * cx;
+      sums[s + 3]! += 3 * x + bx + cx;
+      sums[s + 4]! += 3 * y + by + cy;
+      sums[s + 5]! += 3 * z + bz + cz;
+      sums[s + 6]! += 3;
     }
   }
-  // What is further lies on a sharp edge.
-  for (let v = 0; v < n / 3 - further.length; v++) {
+  for (let sector = 0, s = 0; sector < ofSector.length; sector++, s += 7) {
+    const v = ofSector[sector]!;
     let height = 0;
     let square = 0;
-    for (let i = 3 * v; i < 3 * v + 3; i++) {
-      height += (points[i]! * counts[v]! - sums[i]!) * normals[i]!;
-      square += normals[i]! ** 2;
+    for (let k = 0; k < 3; k++) {
+      height += (points[3 * v + k]! * sums[s + 6]! - sums[s + 3 + k]!) * sums[s + k]!;
+      square += sums[s + k]! ** 2;
     }
     // Of the corners around, a third are the vertex itself: hence 3 / 2.
-    if (square && isSmooth(v)) for (let i = 3 * v; i < 3 * v + 3; i++) points[i]! += ((3 / 8) * height * normals[i]!) / (counts[v]! * square);
+    if (!square || (v < sharpness.length ? sharpness[v] : sharp[v - sharpness.length])) continue;
+    for (let k = 0; k < 3; k++) points[3 * v + k]! += ((3 / 8) * height * sums[s + k]!) / (sums[s + 6]! * square);
   }
 }

@@ -16,6 +16,12 @@ export interface Edges {
 export const nextHalf = (h: number): number => (h % 3 === 2 ? h - 2 : h + 1);
 export const previousHalf = (h: number): number => (h % 3 ? h - 1 : h + 2);
 
+/** The edge at vertex v after that of half-edge h: the half-edges of both are in the face across h. -1 at a boundary. */
+export function around(v: number, h: number, faces: Int32Array, opposite: Int32Array): number {
+  const o = opposite[h]!;
+  return o < 0 ? o : faces[o] === v ? previousHalf(o) : nextHalf(o);
+}
+
 /** The edges of faces. Throws PayloadError where they are not a two-manifold, with boundary or without. */
 export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
@@ -86,16 +92,9 @@ function checkFans(faces: Int32Array, { opposite, first, after }: Edges): void {
     // The faces on the way round v from the first one: ahead to where it comes back or to a boundary, then back.
     let rest = 0;
     for (let h = after[start]!; h >= 0; h = after[h]!) rest++;
-    let h = start;
-    for (let o = opposite[h]!; o >= 0; o = opposite[h]!) {
-      h = faces[o] === v ? previousHalf(o) : nextHalf(o);
-      if (h === start) break;
-      rest--;
-    }
-    if (opposite[h]! < 0) {
-      h = previousHalf(start);
-      for (let o = opposite[h]!; o >= 0; o = opposite[h]!, rest--) h = faces[o] === v ? previousHalf(o) : nextHalf(o);
-    }
+    let h = around(v, start, faces, opposite);
+    for (; h >= 0 && h !== start; h = around(v, h, faces, opposite)) rest--;
+    if (h < 0) for (h = previousHalf(start); (h = around(v, h, faces, opposite)) >= 0; ) rest--;
     if (rest) fail(`the faces at vertex ${v} are more than one fan`);
   }
 }

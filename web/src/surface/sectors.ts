@@ -1,0 +1,195 @@
+/** Sectors of vertices and their normals on the limit surface: spec/cndhf.md, section 6.2. */
+import { nextHalf, previousHalf } from "./manifold.js";
+import { divideCorners, type Topology } from "./subdivision.js";
+
+/** One step of subdivision. */
+export interface Step {
+  /** What is divided. */
+  mesh: Topology;
+  /** The vertices after the step. */
+  next: Float64Array;
+  /** 1 for each edge of `mesh` whose new vertex is used. */
+  divided: Uint8Array;
+}
+
+/**
+ * Across a sharp edge the limit surface bends, so a vertex has a normal per *sector*: the corners around it from one
+ * sharp edge to the next, or all.
+ */
+export interface Sectors {
+  /** The vertex of each sector. */
+  ofSector: number[];
+  /** Unit normals, three coordinates per sector. */
+  normals: Float32Array;
+  /** Per step, the sector of each corner before it... */
+  ofCorner: Int32Array[];
+  /** ... and that of the new vertex of each half-edge, in its face; -1 where it is not used. */
+  ofHalf: Int32Array[];
+}
+
+/**
+ * The sectors of all vertices of a control mesh, and of those that steps make of it where they are used. `points` are the
+ * limit points of the vertices after all steps.
+ */
+export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step[], points: Float64Array): Sectors {
+  const ofSector: number[] = [];
+  const normals: number[] = [];
+  const bare: number[] = []; // sectors without tangents
+  const spokes: number[] = []; // the neighbours of a vertex
+
+  /** Add a sector of vertex v. Its tangents are sums over the spokes, with two weights for each. */
+  const add = (v: number, weights: number[]): number => {
+    const ownX = vertices[3 * v]!;
+    const ownY = vertices[3 * v + 1]!;
+    const ownZ = vertices[3 * v + 2]!;
+    let sx = 0, sy = 0, sz = 0, tx = 0, ty = 0, tz = 0;
+    for (let i = 0; i < weights.length; i += 2) {
+      const s = weights[i]!;
+      const t = weights[i + 1]!;
+      const spoke = 3 * spokes[i >> 1]!;
+      const x = vertices[spoke]! - ownX;
+      const y = vertices[spoke + 1]! - ownY;
+      const z = vertices[spoke + 2]! - ownZ;
+      sx += s * x;
+      sy += s * y;
+      sz += s * z;
+      tx += t * x;
+      ty += t * y;
+      tz += t * z;
+    }
+    const x = sy * tz - sz * ty;
+    const y = sz * tx - sx * tz;
+    const z = sx * ty - sy * tx;
+    const length = Math.sqrt(x * x + y * y + z * z);
+    if (!length) bare.push(ofSector.length);
+    normals.push(x / (length || 1), y / (length || 1), z / (length || 1));
+    return ofSector.push(v) - 1;
+  };
+
+  // The normals of some control vertices change from step to step: they are those after the last.
+  const { faces, ofHalf, opposite, sharp, valences, sharpness } = control;
+  const last = steps.at(-1);
+  const nFinest = last?.mesh.valences.length ?? 0;
+  const scale = 4 ** (steps.length - 1); // corner h is corner 4 h after a step
+  const neighbour = (h: number, vertex: number): number => (last ? nFinest + last.mesh.ofHalf[h]! : vertex);
+  vertices = last?.next ?? vertices;
+  const first: Int32Array = new Int32Array(faces.length).fill(-1);
+  for (let h = 0; h < faces.length; h++) {
+    if (first[h]! >= 0) continue;
+    const v = faces[h]!;
+    let start = h;
+    while (!sharp[ofHalf[start]!] && faces[opposite[start]!] !== v) {
+      start = nextHalf(opposite[start]!);
+      if (start === h) break;
+    }
+    let n = 0;
+    let end = 0;
+    let corner = start;
+    do {
+      first[corner] = ofSector.length;
+      end = previousHalf(corner);
+      spokes[n++] = neighbour(corner * scale, faces[nextHalf(corner)]!);
+      spokes[n] = neighbour(previousHalf(corner * scale), faces[end]!);
+      corner = opposite[end]!;
+    } while (!sharp[ofHalf[end]!] && faces[corner] === v && corner !== start);
+    const isCrease = sharpness[v] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
+    add(v, isCrease ? creaseTangents(n) : sharpness[v]! < 2 && n === valences[v] ? roundTangents(n) : []);
+  }
+  const found: Sectors = { ofSector, normals: new Float32Array(0), ofCorner: [first], ofHalf: [] };
+  let corners: Int32Array = first;
+  const round = roundTangents(6);
+  const crease = creaseTangents(3);
+  steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, next, divided }, k) => {
+    const nOld = valences.length;
+    if (k) found.ofCorner.push((corners = divideCorners(corners, found.ofHalf[k - 1]!)));
+    const made = new Int32Array(faces.length).fill(-1);
+    found.ofHalf.push(made);
+    vertices = next;
+    /** The neighbours of the new vertex of half-edge h that are in its face become the spokes from i on. */
+    const setSpokes = (h: number, i: number): void => {
+      spokes[i] = faces[nextHalf(h)]!;
+      spokes[i + 1] = nOld + ofHalf[nextHalf(h)]!;
+      spokes[i + 2] = nOld + ofHalf[previousHalf(h)]!;
+      spokes[i + 3] = faces[h]!;
+    };
+    for (let h = 0; h < faces.length; h++) {
+      const o = opposite[h]!;
+      const e = ofHalf[h]!;
+      if (o >= h || !divided[e]) continue; // each edge once
+      setSpokes(h, 0);
+      if (!sharp[e] && faces[o] !== faces[h]) {
+        setSpokes(o, 3);
+        made[h] = made[o] = add(nOld + e, round);
+        continue;
+      }
+      made[h] = add(nOld + e, sharp[e] ? crease : []);
+      if (o < 0) continue;
+      setSpokes(o, 0);
+      made[o] = add(nOld + e, sharp[e] ? crease : []);
+    }
+  });
+  found.normals = Float32Array.from(normals);
+  if (bare.length) {
+    setByAngles(
+      bare,
+      found.normals,
+      points,
+      last ? divideCorners(last.mesh.faces, last.mesh.ofHalf.map((e) => nFinest + e)) : faces,
+      last ? divideCorners(corners, found.ofHalf.at(-1)!) : first,
+    );
+  }
+  return found;
+}
+
+/** Of n neighbours around a vertex, weights in Loop's tangents. */
+function roundTangents(n: number): number[] {
+  return Array.from({ length: 2 * n }, (_, i) => Math[i & 1 ? "sin" : "cos"]((2 * Math.PI * (i >> 1)) / n));
+}
+
+/** Of n + 1 neighbours from one end of a crease to the other, weights in the tangents along it and across. */
+function creaseTangents(n: number): number[] {
+  const x = Math.PI / n;
+  const end = n === 1 ? 1 : -Math.cos(x) / Math.tan(x / 2) / (1 + 2 * Math.cos(x));
+  const out = [];
+  for (let i = 0; i <= n; i++) out.push(+(i === 0) - +(i === n), i % n ? Math.sin(i * x) : end);
+  return out;
+}
+
+/** Set normals of sectors to sums of the unit normals of the triangles at their corners, by their angles. */
+function setByAngles(
+  sectors: number[],
+  normals: Float32Array,
+  points: Float64Array,
+  faces: Int32Array,
+  ofCorner: Int32Array,
+): void {
+  const isMeant = new Uint8Array(normals.length / 3);
+  for (const sector of sectors) isMeant[sector] = 1;
+  const sums = new Float64Array(normals.length);
+  for (let h = 0; h < faces.length; h++) {
+    const sector = ofCorner[h]!;
+    if (!isMeant[sector]) continue;
+    const v = 3 * faces[h]!;
+    const a = 3 * faces[nextHalf(h)]!;
+    const b = 3 * faces[previousHalf(h)]!;
+    const ax = points[a]! - points[v]!;
+    const ay = points[a + 1]! - points[v + 1]!;
+    const az = points[a + 2]! - points[v + 2]!;
+    const bx = points[b]! - points[v]!;
+    const by = points[b + 1]! - points[v + 1]!;
+    const bz = points[b + 2]! - points[v + 2]!;
+    const x = ay * bz - az * by;
+    const y = az * bx - ax * bz;
+    const z = ax * by - ay * bx;
+    const area = Math.sqrt(x * x + y * y + z * z);
+    const share = area && Math.atan2(area, ax * bx + ay * by + az * bz) / area;
+    sums[3 * sector]! += share * x;
+    sums[3 * sector + 1]! += share * y;
+    sums[3 * sector + 2]! += share * z;
+  }
+  for (const sector of sectors) {
+    const [x, y, z] = sums.subarray(3 * sector) as unknown as [number, number, number];
+    const length = Math.sqrt(x * x + y * y + z * z) || 1;
+    normals.set([x / length, y / length, z / length], 3 * sector);
+  }
+}
