@@ -1,5 +1,5 @@
 /** Meshes of the limit surface: triangles of several levels without gaps, as near to it as is needed everywhere. */
-import { nextHalf, previousHalf } from "./manifold.js";
+import { nextHalf } from "./manifold.js";
 import { type Sectors, sectorsOf, type Step } from "./sectors.js";
 import { divide, limitPoints, nextLimitPoints, nextVertices, type Topology } from "./subdivision.js";
 
@@ -54,9 +54,11 @@ export function limitMesh(
       }
       const nBeyond = n - 1 - Math.floor((1 - BEYOND) * (n - 1));
       if (nFar <= nBeyond) break;
-      const before = error;
-      error = found.subarray(0, nFar).sort()[nFar - 1 - nBeyond]!;
-      ratio = before ? error / before : 1;
+      if (k < maxLevel - 1) {
+        const before = error;
+        error = found.subarray(0, nFar).sort()[nFar - 1 - nBeyond]!;
+        ratio = before ? error / before : 1;
+      }
     }
     steps.push({ mesh, next, divided });
     points = finer;
@@ -115,12 +117,10 @@ function diagonal(points: Float64Array): number {
  */
 function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64Array): Float64Array {
   const out = new Float64Array(sharp.length);
-  for (let h = 0; h < faces.length; h++) {
-    const a = 3 * faces[h]!;
-    const b = 3 * faces[nextHalf(h)]!;
-    const c = 3 * faces[previousHalf(h)]!;
-    const e = ofHalf[h]!;
-    const m = 3 * (valences.length + e);
+  for (let f = 0; f < faces.length; f += 3) {
+    const a = 3 * faces[f]!;
+    const b = 3 * faces[f + 1]!;
+    const c = 3 * faces[f + 2]!;
     const x = points[a]!;
     const y = points[a + 1]!;
     const z = points[a + 2]!;
@@ -130,22 +130,35 @@ function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64
     const cx = points[c]! - x;
     const cy = points[c + 1]! - y;
     const cz = points[c + 2]! - z;
-    const mx = points[m]! - x;
-    const my = points[m + 1]! - y;
-    const mz = points[m + 2]! - z;
     const nx = by * cz - bz * cy;
     const ny = bz * cx - bx * cz;
     const nz = bx * cy - by * cx;
-    const size = Math.sqrt(nx * nx + ny * ny + nz * nz);
-    let far = size && Math.abs(nx * mx + ny * my + nz * mz) / size;
-    if (sharp[e]) {
-      const chord = bx * bx + by * by + bz * bz;
-      const along = chord && (bx * mx + by * my + bz * mz) / chord;
-      far = Math.max(far, Math.sqrt((mx - along * bx) ** 2 + (my - along * by) ** 2 + (mz - along * bz) ** 2));
+    const size = Math.sqrt(nx * nx + ny * ny + nz * nz) || 1;
+    for (let h = f; h < f + 3; h++) {
+      const e = ofHalf[h]!;
+      const m = 3 * (valences.length + e);
+      let far = Math.abs(nx * (points[m]! - x) + ny * (points[m + 1]! - y) + nz * (points[m + 2]! - z)) / size;
+      if (sharp[e]) far = Math.max(far, fromLine(points, m, 3 * faces[h]!, 3 * faces[nextHalf(h)]!));
+      if (far > out[e]!) out[e] = far;
     }
-    if (far > out[e]!) out[e] = far;
   }
   return out;
+}
+
+/** The distance of a point from the line through two others; each is given by the place of its first coordinate. */
+function fromLine(points: Float64Array, p: number, a: number, b: number): number {
+  let chord = 0;
+  let along = 0;
+  for (let k = 0; k < 3; k++) {
+    const side = points[b + k]! - points[a + k]!;
+    chord += side * side;
+    along += side * (points[p + k]! - points[a + k]!);
+  }
+  let square = 0;
+  for (let k = 0; k < 3; k++) {
+    square += (points[p + k]! - points[a + k]! - (along / (chord || 1)) * (points[b + k]! - points[a + k]!)) ** 2;
+  }
+  return Math.sqrt(square);
 }
 
 /**

@@ -18,7 +18,7 @@ export interface Step {
  */
 export interface Sectors {
   /** The vertex of each sector. */
-  ofSector: number[];
+  ofSector: Int32Array;
   /** Unit normals, three coordinates per sector. */
   normals: Float32Array;
   /** Per step, the sector of each corner before it... */
@@ -32,8 +32,11 @@ export interface Sectors {
  * limit points of the vertices after all steps.
  */
 export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step[], points: Float64Array): Sectors {
-  const ofSector: number[] = [];
-  const normals: number[] = [];
+  let most = control.faces.length;
+  for (const { divided } of steps) for (let e = 0; e < divided.length; e++) most += 2 * divided[e]!;
+  const ofSector = new Int32Array(most);
+  const normals = new Float32Array(3 * most);
+  let size = 0;
   const bare: number[] = []; // sectors without tangents
   const spokes: number[] = []; // the neighbours of a vertex
 
@@ -61,9 +64,12 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
     const y = sz * tx - sx * tz;
     const z = sx * ty - sy * tx;
     const length = Math.sqrt(x * x + y * y + z * z);
-    if (!length) bare.push(ofSector.length);
-    normals.push(x / (length || 1), y / (length || 1), z / (length || 1));
-    return ofSector.push(v) - 1;
+    if (!length) bare.push(size);
+    normals[3 * size] = x / length;
+    normals[3 * size + 1] = y / length;
+    normals[3 * size + 2] = z / length;
+    ofSector[size] = v;
+    return size++;
   };
 
   // The normals of some control vertices change from step to step: they are those after the last.
@@ -86,7 +92,7 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
     let end = 0;
     let corner = start;
     do {
-      first[corner] = ofSector.length;
+      first[corner] = size;
       end = previousHalf(corner);
       spokes[n++] = neighbour(corner * scale, faces[nextHalf(corner)]!);
       spokes[n] = neighbour(previousHalf(corner * scale), faces[end]!);
@@ -95,15 +101,15 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
     const isCrease = sharpness[v] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
     add(v, isCrease ? creaseTangents(n) : sharpness[v]! < 2 && n === valences[v] ? roundTangents(n) : []);
   }
-  const found: Sectors = { ofSector, normals: new Float32Array(0), ofCorner: [first], ofHalf: [] };
-  let corners: Int32Array = first;
+  const ofCorners = [first];
+  const ofHalves: Int32Array[] = [];
   const round = roundTangents(6);
   const crease = creaseTangents(3);
   steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, next, divided }, k) => {
     const nOld = valences.length;
-    if (k) found.ofCorner.push((corners = divideCorners(corners, found.ofHalf[k - 1]!)));
+    if (k) ofCorners.push(divideCorners(ofCorners[k - 1]!, ofHalves[k - 1]!));
     const made = new Int32Array(faces.length).fill(-1);
-    found.ofHalf.push(made);
+    ofHalves.push(made);
     vertices = next;
     /** The neighbours of the new vertex of half-edge h that are in its face become the spokes from i on. */
     const setSpokes = (h: number, i: number): void => {
@@ -128,17 +134,17 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       made[o] = add(nOld + e, sharp[e] ? crease : []);
     }
   });
-  found.normals = Float32Array.from(normals);
   if (bare.length) {
-    setByAngles(
-      bare,
-      found.normals,
-      points,
-      last ? divideCorners(last.mesh.faces, last.mesh.ofHalf.map((e) => nFinest + e)) : faces,
-      last ? divideCorners(corners, found.ofHalf.at(-1)!) : first,
-    );
+    const finest = last ? divideCorners(last.mesh.faces, last.mesh.ofHalf.map((e) => nFinest + e)) : faces;
+    const corners = last ? divideCorners(ofCorners.at(-1)!, ofHalves.at(-1)!) : first;
+    setByAngles(bare, normals, points, finest, corners);
   }
-  return found;
+  return {
+    ofSector: ofSector.slice(0, size),
+    normals: normals.slice(0, 3 * size),
+    ofCorner: ofCorners,
+    ofHalf: ofHalves,
+  };
 }
 
 /** Of n neighbours around a vertex, weights in Loop's tangents. */

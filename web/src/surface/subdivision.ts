@@ -57,10 +57,11 @@ export function nextVertices(mesh: Topology, vertices: Float64Array): Float64Arr
 /** The limit points of vertices; `next` are those after one step. A step moves a vertex by a part of its way to the limit. */
 export function limitPoints(mesh: Topology, vertices: Float64Array, next: Float64Array): Float64Array {
   const { faces, ofHalf, opposite, sharp, valences, sharpness } = mesh;
-  const out = vertices.map((x, i) => {
-    const n = valences[(i / 3) | 0]!;
-    return x + (next[i]! - x) / (sharpness[(i / 3) | 0]! < 2 ? n * beta(n) + 3 / 8 : 3 / 4);
-  });
+  const out = new Float64Array(vertices.length);
+  for (let v = 0; v < valences.length; v++) {
+    const part = sharpness[v]! < 2 ? valences[v]! * beta(valences[v]!) + 3 / 8 : 3 / 4;
+    for (let i = 3 * v; i < 3 * v + 3; i++) out[i] = vertices[i]! + (next[i]! - vertices[i]!) / part;
+  }
   /** A dart, whose sharp edge is that of half-edge h: its neighbours have weights by their places round it. */
   const setDart = (v: number, h: number): void => {
     const n = valences[v]!;
