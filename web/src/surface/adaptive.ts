@@ -2,6 +2,7 @@
 import { nextHalf } from "./manifold.js";
 import { type Sectors, sectorsOf, type Step } from "./sectors.js";
 import { divide, limitPoints, nextLimitPoints, nextVertices, type Topology } from "./subdivision.js";
+import { arm, cross, dot, u, v, w } from "./vectors.js";
 
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
@@ -118,47 +119,25 @@ function diagonal(points: Float64Array): number {
 function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64Array): Float64Array {
   const out = new Float64Array(sharp.length);
   for (let f = 0; f < faces.length; f += 3) {
-    const a = 3 * faces[f]!;
-    const b = 3 * faces[f + 1]!;
-    const c = 3 * faces[f + 2]!;
-    const x = points[a]!;
-    const y = points[a + 1]!;
-    const z = points[a + 2]!;
-    const bx = points[b]! - x;
-    const by = points[b + 1]! - y;
-    const bz = points[b + 2]! - z;
-    const cx = points[c]! - x;
-    const cy = points[c + 1]! - y;
-    const cz = points[c + 2]! - z;
-    const nx = by * cz - bz * cy;
-    const ny = bz * cx - bx * cz;
-    const nz = bx * cy - by * cx;
-    const size = Math.sqrt(nx * nx + ny * ny + nz * nz) || 1;
+    const corner = 3 * faces[f]!;
+    arm(u, points, corner, 3 * faces[f + 1]!);
+    arm(v, points, corner, 3 * faces[f + 2]!);
+    const size = cross() || 1;
     for (let h = f; h < f + 3; h++) {
       const e = ofHalf[h]!;
-      const m = 3 * (valences.length + e);
-      let far = Math.abs(nx * (points[m]! - x) + ny * (points[m + 1]! - y) + nz * (points[m + 2]! - z)) / size;
-      if (sharp[e]) far = Math.max(far, fromLine(points, m, 3 * faces[h]!, 3 * faces[nextHalf(h)]!));
-      if (far > out[e]!) out[e] = far;
+      arm(u, points, corner, 3 * (valences.length + e));
+      out[e] = Math.max(out[e]!, Math.abs(dot(u, w)) / size);
     }
   }
+  for (let h = 0; h < faces.length; h++) {
+    const e = ofHalf[h]!;
+    if (!sharp[e]) continue;
+    arm(u, points, 3 * faces[h]!, 3 * faces[nextHalf(h)]!);
+    arm(v, points, 3 * faces[h]!, 3 * (valences.length + e));
+    const chord = dot(u, u);
+    out[e] = Math.max(out[e]!, chord ? cross() / Math.sqrt(chord) : Math.sqrt(dot(v, v)));
+  }
   return out;
-}
-
-/** The distance of a point from the line through two others; each is given by the place of its first coordinate. */
-function fromLine(points: Float64Array, p: number, a: number, b: number): number {
-  let chord = 0;
-  let along = 0;
-  for (let k = 0; k < 3; k++) {
-    const side = points[b + k]! - points[a + k]!;
-    chord += side * side;
-    along += side * (points[p + k]! - points[a + k]!);
-  }
-  let square = 0;
-  for (let k = 0; k < 3; k++) {
-    square += (points[p + k]! - points[a + k]! - (along / (chord || 1)) * (points[b + k]! - points[a + k]!)) ** 2;
-  }
-  return Math.sqrt(square);
 }
 
 /**
@@ -171,36 +150,28 @@ function balance({ points, index, ofSector }: LimitMesh, { sharp, sharpness }: T
     const a = 3 * ofSector[index[t]!]!;
     const b = 3 * ofSector[index[t + 1]!]!;
     const c = 3 * ofSector[index[t + 2]!]!;
-    const x = points[a]!;
-    const y = points[a + 1]!;
-    const z = points[a + 2]!;
-    const bx = points[b]! - x;
-    const by = points[b + 1]! - y;
-    const bz = points[b + 2]! - z;
-    const cx = points[c]! - x;
-    const cy = points[c + 1]! - y;
-    const cz = points[c + 2]! - z;
+    arm(u, points, a, b);
+    arm(v, points, a, c);
+    cross();
     for (let i = t; i < t + 3; i++) {
       const s = 7 * index[i]!;
-      sums[s]! += by * cz - bz * cy;
-      sums[s + 1]! += bz * cx - bx * cz;
-      sums[s + 2]! += bx * cy - by * cx;
-      sums[s + 3]! += 3 * x + bx + cx;
-      sums[s + 4]! += 3 * y + by + cy;
-      sums[s + 5]! += 3 * z + bz + cz;
+      for (let k = 0; k < 3; k++) {
+        sums[s + k]! += w[k]!;
+        sums[s + 3 + k]! += points[a + k]! + points[b + k]! + points[c + k]!;
+      }
       sums[s + 6]! += 3;
     }
   }
   for (let sector = 0, s = 0; sector < ofSector.length; sector++, s += 7) {
-    const v = ofSector[sector]!;
+    const i = 3 * ofSector[sector]!;
     let height = 0;
     let square = 0;
     for (let k = 0; k < 3; k++) {
-      height += (points[3 * v + k]! * sums[s + 6]! - sums[s + 3 + k]!) * sums[s + k]!;
+      height += (points[i + k]! * sums[s + 6]! - sums[s + 3 + k]!) * sums[s + k]!;
       square += sums[s + k]! ** 2;
     }
     // Of the corners around, a third are the vertex itself: hence 3 / 2.
-    if (!square || (v < sharpness.length ? sharpness[v] : sharp[v - sharpness.length])) continue;
-    for (let k = 0; k < 3; k++) points[3 * v + k]! += ((3 / 8) * height * sums[s + k]!) / (sums[s + 6]! * square);
+    if (!square || (sharpness[i / 3] ?? sharp[i / 3 - sharpness.length])) continue;
+    for (let k = 0; k < 3; k++) points[i + k]! += ((3 / 8) * height * sums[s + k]!) / (sums[s + 6]! * square);
   }
 }

@@ -17,37 +17,29 @@ const OTHER_CLOSES = [1, 1, 2, 6, 18, 30, 35, 37, 37, 32];
 /** Vertex numbers of all faces, three per face, each with its least number first. `sectionSize` limits their number. */
 export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): Int32Array {
   const oriented = coder.bit(new Context());
-  const walked = grown(coder, !!oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
-  if (!oriented) turn(coder, walked);
+  const walked = grown(coder, !oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
+  const turns = contexts(2);
+  let turned = 0;
   const numbers: number[] = []; // of vertices, in order of their first appearance
   let count = 0;
   const faces = new Int32Array(walked.length);
   for (let f = 0; f < faces.length; f += 3) {
-    for (let h = f; h < f + 3; h++) faces[h] = numbers[walked[h]!] ??= count++;
-    const a = faces[f]!;
-    const b = faces[f + 1]!;
-    const c = faces[f + 2]!;
-    const turns = b < a && b < c ? 1 : c < a && c < b ? 2 : 0;
-    faces[f + ((3 - turns) % 3)] = a;
-    faces[f + ((4 - turns) % 3)] = b;
-    faces[f + ((5 - turns) % 3)] = c;
+    if (!oriented) turned = coder.bit(turns[turned]!);
+    let a = (numbers[walked[f]!] ??= count++);
+    let b = (numbers[walked[f + 1 + turned]!] ??= count++);
+    let c = (numbers[walked[f + 2 - turned]!] ??= count++);
+    while (a > b || a > c) [a, b, c] = [b, c, a];
+    faces[f] = a;
+    faces[f + 1] = b;
+    faces[f + 2] = c;
   }
   return faces;
 }
 
-/** Turn round the faces that say so. */
-function turn(coder: RangeDecoder, faces: number[]): void {
-  const marks = contexts(2);
-  let last = 0;
-  for (let f = 0; f < faces.length; f += 3) {
-    last = coder.bit(marks[last]!);
-    if (last) [faces[f + 1], faces[f + 2]] = [faces[f + 2]!, faces[f + 1]!];
-  }
-}
-
 /** Grow all components; their faces, without those of caps. */
-function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number[] {
+function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number[] {
   const out: number[] = [];
+  let nFaces = 0; // those of caps included
   // Of nodes.
   const prev: number[] = [];
   const next: number[] = [];
@@ -83,11 +75,7 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
       while (!dropped[pivot]) grow(pivot);
     }
   }
-  if (!hasCaps) return out;
-  return out.filter((_, i) => {
-    const f = i - (i % 3);
-    return !(isCap[out[f]!] || isCap[out[f + 1]!] || isCap[out[f + 2]!]);
-  });
+  return out;
 
   function grow(P: number): void {
     const ahead = degree[vertex[next[P]!]!]! >= degree[vertex[prev[P]!]!]!;
@@ -152,7 +140,7 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
     if (Y === P || Y === Q || Y === R || Y === S || y === vertex[P] || y === vertex[Q]) {
       throw new PayloadError("a join of the control mesh names a node of the gate");
     }
-    if (!oriented && coder.bit(twists)) X = other(Y, X);
+    if (mayTwist && coder.bit(twists)) X = other(Y, X);
     addAhead(vertex[P]!, vertex[Q]!, y, ahead);
     const Z = ahead ? addNode(y, X, Q) : addNode(y, Q, X);
     link(X, Y, Z);
@@ -214,14 +202,12 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
   }
 
   function addFace(a: number, b: number, c: number): void {
-    if (out.length === 3 * maxFaces) {
-      throw new LimitError(`the control mesh has more than ${maxFaces} faces`);
-    }
-    out.push(a, b, c);
+    if (nFaces++ === maxFaces) throw new LimitError(`the control mesh has more than ${maxFaces} faces`);
     degree[a]!++;
     degree[b]!++;
     degree[c]!++;
-    if (hasCaps && (isCap[a] || isCap[b] || isCap[c])) capped[a] = capped[b] = capped[c] = true;
+    if (isCap[a] || isCap[b] || isCap[c]) capped[a] = capped[b] = capped[c] = true;
+    else out.push(a, b, c);
   }
 
   function level(N: number): number {

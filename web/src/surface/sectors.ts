@@ -1,6 +1,7 @@
 /** Sectors of vertices and their normals on the limit surface: spec/cndhf.md, section 6.2. */
 import { nextHalf, previousHalf } from "./manifold.js";
 import { divideCorners, type Topology } from "./subdivision.js";
+import { arm, cross, dot, u, v, w } from "./vectors.js";
 
 /** One step of subdivision. */
 export interface Step {
@@ -40,35 +41,21 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   const bare: number[] = []; // sectors without tangents
   const spokes: number[] = []; // the neighbours of a vertex
 
-  /** Add a sector of vertex v. Its tangents are sums over the spokes, with two weights for each. */
-  const add = (v: number, weights: number[]): number => {
-    const ownX = vertices[3 * v]!;
-    const ownY = vertices[3 * v + 1]!;
-    const ownZ = vertices[3 * v + 2]!;
-    let sx = 0, sy = 0, sz = 0, tx = 0, ty = 0, tz = 0;
+  /** Add a sector of a vertex. Its tangents are sums over the spokes, with two weights for each. */
+  const add = (vertex: number, weights: number[]): number => {
+    u.fill(0);
+    v.fill(0);
     for (let i = 0; i < weights.length; i += 2) {
-      const s = weights[i]!;
-      const t = weights[i + 1]!;
-      const spoke = 3 * spokes[i >> 1]!;
-      const x = vertices[spoke]! - ownX;
-      const y = vertices[spoke + 1]! - ownY;
-      const z = vertices[spoke + 2]! - ownZ;
-      sx += s * x;
-      sy += s * y;
-      sz += s * z;
-      tx += t * x;
-      ty += t * y;
-      tz += t * z;
+      arm(w, vertices, 3 * vertex, 3 * spokes[i >> 1]!);
+      for (let k = 0; k < 3; k++) {
+        u[k]! += weights[i]! * w[k]!;
+        v[k]! += weights[i + 1]! * w[k]!;
+      }
     }
-    const x = sy * tz - sz * ty;
-    const y = sz * tx - sx * tz;
-    const z = sx * ty - sy * tx;
-    const length = Math.sqrt(x * x + y * y + z * z);
+    const length = cross();
     if (!length) bare.push(size);
-    normals[3 * size] = x / length;
-    normals[3 * size + 1] = y / length;
-    normals[3 * size + 2] = z / length;
-    ofSector[size] = v;
+    for (let k = 0; k < 3; k++) normals[3 * size + k] = w[k]! / length;
+    ofSector[size] = vertex;
     return size++;
   };
 
@@ -82,9 +69,9 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   const first: Int32Array = new Int32Array(faces.length).fill(-1);
   for (let h = 0; h < faces.length; h++) {
     if (first[h]! >= 0) continue;
-    const v = faces[h]!;
+    const vertex = faces[h]!;
     let start = h;
-    while (!sharp[ofHalf[start]!] && faces[opposite[start]!] !== v) {
+    while (!sharp[ofHalf[start]!] && faces[opposite[start]!] !== vertex) {
       start = nextHalf(opposite[start]!);
       if (start === h) break;
     }
@@ -97,9 +84,9 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       spokes[n++] = neighbour(corner * scale, faces[nextHalf(corner)]!);
       spokes[n] = neighbour(previousHalf(corner * scale), faces[end]!);
       corner = opposite[end]!;
-    } while (!sharp[ofHalf[end]!] && faces[corner] === v && corner !== start);
-    const isCrease = sharpness[v] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
-    add(v, isCrease ? creaseTangents(n) : sharpness[v]! < 2 && n === valences[v] ? roundTangents(n) : []);
+    } while (!sharp[ofHalf[end]!] && faces[corner] === vertex && corner !== start);
+    const isCrease = sharpness[vertex] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
+    add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? roundTangents(n) : []);
   }
   const ofCorners = [first];
   const ofHalves: Int32Array[] = [];
@@ -175,27 +162,16 @@ function setByAngles(
   for (let h = 0; h < faces.length; h++) {
     const sector = ofCorner[h]!;
     if (!isMeant[sector]) continue;
-    const v = 3 * faces[h]!;
-    const a = 3 * faces[nextHalf(h)]!;
-    const b = 3 * faces[previousHalf(h)]!;
-    const ax = points[a]! - points[v]!;
-    const ay = points[a + 1]! - points[v + 1]!;
-    const az = points[a + 2]! - points[v + 2]!;
-    const bx = points[b]! - points[v]!;
-    const by = points[b + 1]! - points[v + 1]!;
-    const bz = points[b + 2]! - points[v + 2]!;
-    const x = ay * bz - az * by;
-    const y = az * bx - ax * bz;
-    const z = ax * by - ay * bx;
-    const area = Math.sqrt(x * x + y * y + z * z);
-    const share = area && Math.atan2(area, ax * bx + ay * by + az * bz) / area;
-    sums[3 * sector]! += share * x;
-    sums[3 * sector + 1]! += share * y;
-    sums[3 * sector + 2]! += share * z;
+    const vertex = 3 * faces[h]!;
+    arm(u, points, vertex, 3 * faces[nextHalf(h)]!);
+    arm(v, points, vertex, 3 * faces[previousHalf(h)]!);
+    const area = cross();
+    const share = area && Math.atan2(area, dot(u, v)) / area;
+    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * w[k]!;
   }
   for (const sector of sectors) {
-    const [x, y, z] = sums.subarray(3 * sector) as unknown as [number, number, number];
-    const length = Math.sqrt(x * x + y * y + z * z) || 1;
-    normals.set([x / length, y / length, z / length], 3 * sector);
+    const sum = sums.subarray(3 * sector, 3 * sector + 3);
+    const length = Math.sqrt(dot(sum, sum)) || 1;
+    normals.set(sum.map((x) => x / length), 3 * sector);
   }
 }
