@@ -45,7 +45,7 @@ export function limitMesh(
     const finer = nextLimitPoints(mesh, next, points);
     const n = mesh.sharp.length;
     const divided = new Uint8Array(n).fill(1);
-    let ratio = Infinity;
+    const before = error;
     if (tolerance >= 0) {
       const found = distances(mesh, finer);
       let nFar = 0;
@@ -55,16 +55,12 @@ export function limitMesh(
       }
       const nBeyond = n - 1 - Math.floor((1 - BEYOND) * (n - 1));
       if (nFar <= nBeyond) break;
-      if (k < maxLevel - 1) {
-        const before = error;
-        error = found.subarray(0, nFar).sort()[nFar - 1 - nBeyond]!;
-        ratio = before ? error / before : 1;
-      }
+      error = found.subarray(0, nFar).sort()[nFar - 1 - nBeyond]!;
     }
     steps.push({ mesh, next, divided });
     points = finer;
-    // A step divides the error by four in the end. When that will do, it is believed.
-    if (Math.max(ratio, 1 / 4) * error < tolerance) break;
+    // A step divides the error by four in the end. When that will do after two steps, it is believed.
+    if (Math.max(error / before, 1 / 4) * error < tolerance) break;
   }
   // Faces of which any edge is divided exist only where the face that they come from is divided as a whole.
   for (let k = steps.length - 1; k > 0; k--) {
@@ -87,7 +83,7 @@ export function limitMesh(
       for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
     } else {
       for (const p of CUTS[kind]!) {
-        index[size++] = p < 3 ? sectors.ofCorner[k]![3 * face + p]! : sectors.ofHalf[k]![3 * face + p - 3]!;
+        index[size++] = p < 3 ? sectors.ofCorner[k]![3 * face + p]! : sectors.ofNew[k]![3 * face + p - 3]!;
       }
     }
   };
@@ -101,13 +97,8 @@ export function limitMesh(
 function diagonal(points: Float64Array): number {
   let square = 0;
   for (let k = 0; k < 3; k++) {
-    let low = Infinity;
-    let high = -Infinity;
-    for (let i = k; i < points.length; i += 3) {
-      low = Math.min(low, points[i]!);
-      high = Math.max(high, points[i]!);
-    }
-    square += (high - low) ** 2;
+    const x = points.filter((_, i) => i % 3 === k).sort();
+    square += (x.at(-1)! - x[0]!) ** 2;
   }
   return Math.sqrt(square);
 }

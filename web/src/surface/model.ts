@@ -1,4 +1,5 @@
 /** The representation `surface`: the limit of a subdivided control mesh. */
+import { inRange } from "../container.js";
 import { type Header, Shape, type Points, whole } from "../model.js";
 import { SheetError, SurfaceError } from "../errors.js";
 import { type Mesh, placed as toInput } from "../mesh.js";
@@ -44,7 +45,7 @@ export class SurfaceModel extends Shape {
   /** Whether neighbouring faces agree in orientation. */
   get oriented(): boolean {
     const { faces, edges } = this.control;
-    return edges.opposite.every((o, h) => o < 0 || faces[o] !== faces[h]);
+    return edges.opposite.every((o, h) => faces[o] !== faces[h]);
   }
 
   /**
@@ -80,22 +81,16 @@ export class SurfaceModel extends Shape {
     const { meanError, p99Error } = this.metadata;
     const tolerance = (diagonal: number): number =>
       meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal;
-    let maxLevel = 0;
-    while (maxLevel < MAX_LEVEL && this.triangles(maxLevel + 1) <= MOST_ADAPTED) maxLevel++;
+    const maxLevel = Math.min(MAX_LEVEL, Math.floor(Math.log2(MOST_ADAPTED / (this.control.faces.length / 3)) / 2));
     return limitMesh(this.topology(), this.controlVertices(), tolerance, maxLevel, this.oriented);
   }
 
   /** The limit surface after `number` steps of subdivision, in the normalised frame. */
   private limit(level: number): LimitMesh {
     whole("level", level, 0, MAX_LEVEL);
-    const n = this.triangles(level);
-    if (n > MAX_FACES) throw new SurfaceError(`level ${level} has ${n} triangles; ${MAX_FACES} are allowed`);
+    const n = (this.control.faces.length / 3) * 4 ** level;
+    inRange(`the number of triangles of level ${level}`, n, 1, MAX_FACES, SurfaceError);
     return limitMesh(this.topology(), this.controlVertices(), () => -1, level, false);
-  }
-
-  /** How many triangles a level has. */
-  private triangles(level: number): number {
-    return (this.control.faces.length / 3) * 4 ** level;
   }
 
   private topology(): Topology {

@@ -25,7 +25,7 @@ export interface Sectors {
   /** Per step, the sector of each corner before it... */
   ofCorner: Int32Array[];
   /** ... and that of the new vertex of each half-edge, in its face; -1 where it is not used. */
-  ofHalf: Int32Array[];
+  ofNew: Int32Array[];
 }
 
 /**
@@ -88,15 +88,15 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
     const isCrease = sharpness[vertex] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
     add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? roundTangents(n) : []);
   }
-  const ofCorners = [first];
-  const ofHalves: Int32Array[] = [];
+  const ofCorner = [first];
+  const ofNew: Int32Array[] = [];
   const round = roundTangents(6);
   const crease = creaseTangents(3);
   steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, next, divided }, k) => {
     const nOld = valences.length;
-    if (k) ofCorners.push(divideCorners(ofCorners[k - 1]!, ofHalves[k - 1]!));
+    if (k) ofCorner.push(divideCorners(ofCorner[k - 1]!, ofNew[k - 1]!));
     const made = new Int32Array(faces.length).fill(-1);
-    ofHalves.push(made);
+    ofNew.push(made);
     vertices = next;
     /** The neighbours of the new vertex of half-edge h that are in its face become the spokes from i on. */
     const setSpokes = (h: number, i: number): void => {
@@ -123,15 +123,10 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   });
   if (bare.length) {
     const finest = last ? divideCorners(last.mesh.faces, last.mesh.ofHalf.map((e) => nFinest + e)) : faces;
-    const corners = last ? divideCorners(ofCorners.at(-1)!, ofHalves.at(-1)!) : first;
+    const corners = last ? divideCorners(ofCorner.at(-1)!, ofNew.at(-1)!) : first;
     setByAngles(bare, normals, points, finest, corners);
   }
-  return {
-    ofSector: ofSector.slice(0, size),
-    normals: normals.slice(0, 3 * size),
-    ofCorner: ofCorners,
-    ofHalf: ofHalves,
-  };
+  return { ofSector: ofSector.slice(0, size), normals: normals.slice(0, 3 * size), ofCorner, ofNew };
 }
 
 /** Of n neighbours around a vertex, weights in Loop's tangents. */
