@@ -17,9 +17,9 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "adaptive", "below", "bias", "bit", "code", "count", "digits", "divided", "evaluate", "finish", "frequencies",
+  "adaptive", "below", "bias", "bit", "bodies", "code", "count", "digits", "divided", "evaluate", "finish", "frequencies",
   "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network", "nonzero",
-  "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "sharpness", "split", "starts", "take", "topology",
+  "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "refined", "sharpness", "split", "starts", "take", "topology",
   "valences", "widen", "winding", "zero",
 ];
 

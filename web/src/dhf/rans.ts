@@ -52,9 +52,7 @@ function makeTable(code: number): Table {
 export function decodeRans(body: Uint8Array, sizes: number[]): Int16Array[] {
   const total = sizes.reduce((a, b) => a + b);
   if (total > FREE_SYMBOLS + SYMBOLS_PER_BYTE * body.length) {
-    throw new LimitError(
-      `the weights have ${body.length} bytes for ${total} symbols, which are too many`,
-    );
+    throw new LimitError(`the weights have ${body.length} bytes: too few for ${total} symbols`);
   }
   let at = sizes.length + 4;
   if (body.length < at) throw new PayloadError("the weights end inside their scale codes");

@@ -47,32 +47,19 @@ export function limitMesh(
     const divided = new Uint8Array(n).fill(1);
     const before = error;
     if (tolerance >= 0) {
-      const found = distances(mesh, finer);
-      let nFar = 0;
-      for (let e = 0; e < n; e++) {
-        divided[e] = found[e]! > tolerance ? 1 : 0;
-        if (divided[e]) found[nFar++] = found[e]!;
-      }
+      const far = setFar(divided, distances(mesh, finer), tolerance);
       const nBeyond = n - 1 - Math.floor((1 - BEYOND) * (n - 1));
-      if (nFar <= nBeyond) break;
-      error = found.subarray(0, nFar).sort()[nFar - 1 - nBeyond]!;
+      if (far.length <= nBeyond) break;
+      if (k < maxLevel - 1) error = far.sort()[far.length - 1 - nBeyond]!;
     }
-    steps.push({ mesh, next, divided });
+    steps.push({ mesh, refined: next, divided });
     points = finer;
     // A step divides the error by four in the end. When that will do after two steps, it is believed.
     if (Math.max(error / before, 1 / 4) * error < tolerance) break;
   }
-  // Faces of which any edge is divided exist only where the face that they come from is divided as a whole.
-  for (let k = steps.length - 1; k > 0; k--) {
-    const { mesh: { ofHalf }, divided } = steps[k]!;
-    const coarse = steps[k - 1]!;
-    for (let h = 0; h < ofHalf.length; h++) {
-      if (!divided[ofHalf[h]!]) continue;
-      const whole = 3 * Math.floor(h / 12);
-      for (let i = whole; i < whole + 3; i++) coarse.divided[coarse.mesh.ofHalf[i]!] = 1;
-    }
-  }
+  for (let k = steps.length - 1; k > 0; k--) setWhole(steps[k - 1]!, steps[k]!);
   const sectors = sectorsOf(control, vertices, steps, points);
+  const { ofCorner, ofNew } = sectors;
   const index = new Uint32Array(control.faces.length * 4 ** steps.length);
   let size = 0;
   const add = (k: number, face: number): void => {
@@ -82,15 +69,35 @@ export function limitMesh(
     if (kind === 7 && k < steps.length - 1) {
       for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
     } else {
-      for (const p of CUTS[kind]!) {
-        index[size++] = p < 3 ? sectors.ofCorner[k]![3 * face + p]! : sectors.ofNew[k]![3 * face + p - 3]!;
-      }
+      const old = ofCorner[k]!;
+      const made = ofNew[k]!;
+      for (const p of CUTS[kind]!) index[size++] = p < 3 ? old[3 * face + p]! : made[3 * face + p - 3]!;
     }
   };
   for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
   const made = { ...sectors, points, index: index.slice(0, size) };
   if (isBalanced) balance(made, steps.at(-1)?.mesh ?? control);
   return made;
+}
+
+/** Set which edges are farther than the tolerance. Gives the distances of those, in the memory of all. */
+function setFar(divided: Uint8Array, distances: Float64Array, tolerance: number): Float64Array {
+  let n = 0;
+  for (let e = 0; e < distances.length; e++) {
+    divided[e] = distances[e]! > tolerance ? 1 : 0;
+    if (divided[e]) distances[n++] = distances[e]!;
+  }
+  return distances.subarray(0, n);
+}
+
+/** Faces of which any edge is divided exist only where the face that they come from is divided as a whole. */
+function setWhole(coarse: Step, fine: Step): void {
+  const { ofHalf } = fine.mesh;
+  for (let h = 0; h < ofHalf.length; h++) {
+    if (!fine.divided[ofHalf[h]!]) continue;
+    const whole = 3 * Math.floor(h / 12);
+    for (let i = whole; i < whole + 3; i++) coarse.divided[coarse.mesh.ofHalf[i]!] = 1;
+  }
 }
 
 /** The length of the diagonal of the bounding box of points. */

@@ -119,9 +119,6 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     let Y: number;
     if (coder.bit(far)) {
       Y = coder.raw(32 - Math.clz32(vertex.length - 1));
-      if (Y >= vertex.length || dropped[Y]) {
-        throw new PayloadError("a join of the control mesh names a node that is not on the border");
-      }
       X = ahead ? prev[Y]! : next[Y]!;
     } else {
       const side = coder.bit(sides);
@@ -133,8 +130,9 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
       X = side ? other(Y, before) : before;
     }
     const y = vertex[Y]!;
-    if (Y === P || Y === Q || Y === R || Y === S || y === vertex[P] || y === vertex[Q]) {
-      throw new PayloadError("a join of the control mesh names a node of the gate");
+    // Of a number that no node has, `dropped` is undefined.
+    if (dropped[Y] !== false || [P, Q, R, S].includes(Y) || y === vertex[P] || y === vertex[Q]) {
+      throw new PayloadError("a join of the control mesh names a node that it cannot join");
     }
     if (mayTwist && coder.bit(twists)) X = other(Y, X);
     addFace(vertex[P]!, vertex[Q]!, y, ahead);

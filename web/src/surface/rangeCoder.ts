@@ -23,7 +23,7 @@ export class RangeDecoder {
   private range = 0;
   private code = 0;
   private at = 0;
-  private readonly bytes: Uint8Array;
+  private declare readonly bytes: Uint8Array;
 
   constructor(bytes: Uint8Array) {
     this.bytes = new Uint8Array(bytes.length + LOOKAHEAD);

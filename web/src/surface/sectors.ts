@@ -8,7 +8,7 @@ export interface Step {
   /** What is divided. */
   mesh: Topology;
   /** The vertices after the step. */
-  next: Float64Array;
+  refined: Float64Array;
   /** 1 for each edge of `mesh` whose new vertex is used. */
   divided: Uint8Array;
 }
@@ -38,7 +38,7 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   const ofSector = new Int32Array(most);
   const normals = new Float32Array(3 * most);
   let size = 0;
-  const bare: number[] = []; // sectors without tangents
+  let isBare = false; // whether there are sectors without tangents, whose normals are NaN until the end
   const spokes: number[] = []; // the neighbours of a vertex
 
   /** Add a sector of a vertex. Its tangents are sums over the spokes, with two weights for each. */
@@ -53,19 +53,21 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       }
     }
     const length = cross();
-    if (!length) bare.push(size);
+    if (!length) isBare = true;
     for (let k = 0; k < 3; k++) normals[3 * size + k] = w[k]! / length;
     ofSector[size] = vertex;
     return size++;
   };
 
+  const rounds: number[][] = [];
+  const round = (n: number): number[] => (rounds[n] ??= roundTangents(n));
   // The normals of some control vertices change from step to step: they are those after the last.
   const { faces, ofHalf, opposite, sharp, valences, sharpness } = control;
   const last = steps.at(-1);
   const nFinest = last?.mesh.valences.length ?? 0;
   const scale = 4 ** (steps.length - 1); // corner h is corner 4 h after a step
   const neighbour = (h: number, vertex: number): number => (last ? nFinest + last.mesh.ofHalf[h]! : vertex);
-  vertices = last?.next ?? vertices;
+  vertices = last?.refined ?? vertices;
   const first: Int32Array = new Int32Array(faces.length).fill(-1);
   for (let h = 0; h < faces.length; h++) {
     if (first[h]! >= 0) continue;
@@ -86,18 +88,17 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       corner = opposite[end]!;
     } while (!sharp[ofHalf[end]!] && faces[corner] === vertex && corner !== start);
     const isCrease = sharpness[vertex] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
-    add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? roundTangents(n) : []);
+    add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? round(n) : []);
   }
   const ofCorner = [first];
   const ofNew: Int32Array[] = [];
-  const round = roundTangents(6);
   const crease = creaseTangents(3);
-  steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, next, divided }, k) => {
+  steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, refined, divided }, k) => {
     const nOld = valences.length;
     if (k) ofCorner.push(divideCorners(ofCorner[k - 1]!, ofNew[k - 1]!));
     const made = new Int32Array(faces.length).fill(-1);
     ofNew.push(made);
-    vertices = next;
+    vertices = refined;
     /** The neighbours of the new vertex of half-edge h that are in its face become the spokes from i on. */
     const setSpokes = (h: number, i: number): void => {
       spokes[i] = faces[nextHalf(h)]!;
@@ -112,7 +113,7 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       setSpokes(h, 0);
       if (!sharp[e] && faces[o] !== faces[h]) {
         setSpokes(o, 3);
-        made[h] = made[o] = add(nOld + e, round);
+        made[h] = made[o] = add(nOld + e, round(6));
         continue;
       }
       made[h] = add(nOld + e, sharp[e] ? crease : []);
@@ -121,10 +122,10 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       made[o] = add(nOld + e, sharp[e] ? crease : []);
     }
   });
-  if (bare.length) {
+  if (isBare) {
     const finest = last ? divideCorners(last.mesh.faces, last.mesh.ofHalf.map((e) => nFinest + e)) : faces;
     const corners = last ? divideCorners(ofCorner.at(-1)!, ofNew.at(-1)!) : first;
-    setByAngles(bare, normals, points, finest, corners);
+    setByAngles(normals, points, finest, corners);
   }
   return { ofSector: ofSector.slice(0, size), normals: normals.slice(0, 3 * size), ofCorner, ofNew };
 }
@@ -143,20 +144,17 @@ function creaseTangents(n: number): number[] {
   return out;
 }
 
-/** Set normals of sectors to sums of the unit normals of the triangles at their corners, by their angles. */
+/** Set normals that are NaN to sums of the unit normals of the triangles at their corners, by their angles. */
 function setByAngles(
-  sectors: number[],
   normals: Float32Array,
   points: Float64Array,
   faces: Int32Array,
   ofCorner: Int32Array,
 ): void {
-  const isMeant = new Uint8Array(normals.length / 3);
-  for (const sector of sectors) isMeant[sector] = 1;
   const sums = new Float64Array(normals.length);
   for (let h = 0; h < faces.length; h++) {
     const sector = ofCorner[h]!;
-    if (!isMeant[sector]) continue;
+    if (!isNaN(normals[3 * sector]!)) continue;
     const vertex = 3 * faces[h]!;
     arm(u, points, vertex, 3 * faces[nextHalf(h)]!);
     arm(v, points, vertex, 3 * faces[previousHalf(h)]!);
@@ -164,9 +162,10 @@ function setByAngles(
     const share = area && Math.atan2(area, dot(u, v)) / area;
     for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * w[k]!;
   }
-  for (const sector of sectors) {
-    const sum = sums.subarray(3 * sector, 3 * sector + 3);
+  for (let i = 0; i < normals.length; i += 3) {
+    if (!isNaN(normals[i]!)) continue;
+    const sum = sums.subarray(i, i + 3);
     const length = Math.sqrt(dot(sum, sum)) || 1;
-    normals.set(sum.map((x) => x / length), 3 * sector);
+    normals.set(sum.map((x) => x / length), i);
   }
 }
