@@ -54,7 +54,7 @@ export function limitMesh(
     }
     steps.push({ mesh, refined: next, divided });
     points = finer;
-    // A step divides the error by four in the end. When that will do after two steps, it is believed.
+    // The next step divides the error as the last one did, by four at most: when that will do, it is believed.
     if (Math.max(error / before, 1 / 4) * error < tolerance) break;
   }
   for (let k = steps.length - 1; k > 0; k--) setWhole(steps[k - 1]!, steps[k]!);
