@@ -49,7 +49,7 @@ export function readContainer(bytes: Uint8Array): Header {
   if (!start.startsWith(SIGNATURE)) {
     if (SIGNATURE.startsWith(start)) throw cut("the signature");
     if (start.includes("DHF")) throw new TextModeError("the signature is damaged as by a transfer of text: copy the file as binary");
-    throw new SignatureError("this is not a .cndhf file (wrong signature)");
+    throw new SignatureError("this is not a .cndhf file");
   }
   const version = bytes[4] ?? c.VERSION;
   if (version === c.VERSION_0) throw new VersionError("the file has format 0.x; encode the source mesh again");
@@ -59,7 +59,7 @@ export function readContainer(bytes: Uint8Array): Header {
   inRange("the size of the file", size, 0, c.MAX_FILE_SIZE, LimitError);
   const data = view(bytes);
   if (crc32(bytes.subarray(0, end)) !== data.getUint32(end, true)) {
-    throw new ChecksumError("the checksum does not match: the file is damaged or incomplete; copy it again, as binary");
+    throw new ChecksumError("the checksum does not match: the file is damaged or incomplete; copy it again");
   }
   const flags = bytes[c.FLAGS_AT]!;
   inRange("field flags", flags, 0, c.FAR_CENTRE);

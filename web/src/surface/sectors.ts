@@ -39,10 +39,10 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   const normals = new Float32Array(3 * most);
   let size = 0;
   let isBare = false; // whether there are sectors without tangents, whose normals are NaN until the end
-  const spokes: number[] = []; // the neighbours of a vertex
+  const spokes = new Int32Array(control.faces.length + 4); // the neighbours of a vertex
 
   /** Add a sector of a vertex. Its tangents are sums over the spokes, with two weights for each. */
-  const add = (vertex: number, weights: number[]): number => {
+  const add = (vertex: number, weights: Float64Array): number => {
     u.fill(0);
     v.fill(0);
     for (let i = 0; i < weights.length; i += 2) {
@@ -59,8 +59,10 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
     return size++;
   };
 
-  const rounds: number[][] = [];
-  const round = (n: number): number[] => (rounds[n] ??= roundTangents(n));
+  const rounds: Float64Array[] = [];
+  const round = (n: number): Float64Array => (rounds[n] ??= roundTangents(n));
+  const crease = creaseTangents(3);
+  const none = new Float64Array(0);
   // The normals of some control vertices change from step to step: they are those after the last.
   const { faces, ofHalf, opposite, sharp, valences, sharpness } = control;
   const last = steps.at(-1);
@@ -88,11 +90,10 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       corner = opposite[end]!;
     } while (!sharp[ofHalf[end]!] && faces[corner] === vertex && corner !== start);
     const isCrease = sharpness[vertex] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
-    add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? round(n) : []);
+    add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? round(n) : none);
   }
   const ofCorner = [first];
   const ofNew: Int32Array[] = [];
-  const crease = creaseTangents(3);
   steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, refined, divided }, k) => {
     const nOld = valences.length;
     if (k) ofCorner.push(divideCorners(ofCorner[k - 1]!, ofNew[k - 1]!));
@@ -116,10 +117,10 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
         made[h] = made[o] = add(nOld + e, round(6));
         continue;
       }
-      made[h] = add(nOld + e, sharp[e] ? crease : []);
+      made[h] = add(nOld + e, sharp[e] ? crease : none);
       if (o < 0) continue;
       setSpokes(o, 0);
-      made[o] = add(nOld + e, sharp[e] ? crease : []);
+      made[o] = add(nOld + e, sharp[e] ? crease : none);
     }
   });
   if (isBare) {
@@ -131,17 +132,17 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
 }
 
 /** Of n neighbours around a vertex, weights in Loop's tangents. */
-function roundTangents(n: number): number[] {
-  return Array.from({ length: 2 * n }, (_, i) => Math[i & 1 ? "sin" : "cos"]((2 * Math.PI * (i >> 1)) / n));
+function roundTangents(n: number): Float64Array {
+  return new Float64Array(2 * n).map((_, i) => Math[i & 1 ? "sin" : "cos"]((2 * Math.PI * (i >> 1)) / n));
 }
 
 /** Of n + 1 neighbours from one end of a crease to the other, weights in the tangents along it and across. */
-function creaseTangents(n: number): number[] {
+function creaseTangents(n: number): Float64Array {
   const x = Math.PI / n;
   const end = n === 1 ? 1 : -Math.cos(x) / Math.tan(x / 2) / (1 + 2 * Math.cos(x));
-  const out = [];
+  const out: number[] = [];
   for (let i = 0; i <= n; i++) out.push(+(i === 0) - +(i === n), i % n ? Math.sin(i * x) : end);
-  return out;
+  return Float64Array.from(out);
 }
 
 /** Set normals that are NaN to sums of the unit normals of the triangles at their corners, by their angles. */
