@@ -19,7 +19,7 @@ const decoderApart = {
 const OWN = [
   "adaptive", "below", "bias", "bit", "bodies", "code", "count", "digits", "divided", "evaluate", "finish", "frequencies",
   "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network", "nonzero",
-  "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "refined", "sharpness", "split", "starts", "take", "topology",
+  "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "read", "refined", "sharpness", "split", "starts", "take", "topology",
   "valences", "widen", "winding", "zero",
 ];
 
@@ -28,7 +28,7 @@ async function smaller(code, map, path) {
   const out = await minify(code, {
     module: true,
     ecma: 2020,
-    compress: { passes: 5, pure_getters: true, unsafe_arrows: !!path }, // three.js has functions that are constructors
+    compress: { passes: 5, pure_getters: true, hoist_funs: true, unsafe_arrows: !!path }, // three.js has functions that are constructors
     mangle: path === "dist/index.js" ? { properties: { regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
     ...(path && { sourceMap: { ...map, url: `${path.split("/").pop()}.map` } }),
   });

@@ -48,7 +48,7 @@ export function readContainer(bytes: Uint8Array): Header {
   const start = String.fromCharCode(...bytes.subarray(0, 6));
   if (!start.startsWith(SIGNATURE)) {
     if (SIGNATURE.startsWith(start)) throw cut("the signature");
-    if (start.includes("DHF")) throw new TextModeError("the signature is damaged as by a transfer of text: copy the file as binary");
+    if (start.includes("DHF")) throw new TextModeError("the file was damaged by a transfer of text: copy it again, as binary");
     throw new SignatureError("this is not a .cndhf file");
   }
   const version = bytes[4] ?? c.VERSION;

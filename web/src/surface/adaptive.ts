@@ -76,7 +76,7 @@ export function limitMesh(
   };
   for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
   const made = { ...sectors, points, index: index.slice(0, size) };
-  if (isBalanced) balance(made, steps.at(-1)?.mesh ?? control);
+  if (isBalanced) balance(made, steps.at(-1)?.mesh ?? mesh);
   return made;
 }
 
@@ -162,14 +162,13 @@ function balance({ points, index, ofSector }: LimitMesh, { sharp, sharpness }: T
   }
   for (let sector = 0, s = 0; sector < ofSector.length; sector++, s += 7) {
     const i = 3 * ofSector[sector]!;
-    let height = 0;
-    let square = 0;
     for (let k = 0; k < 3; k++) {
-      height += (points[i + k]! * sums[s + 6]! - sums[s + 3 + k]!) * sums[s + k]!;
-      square += sums[s + k]! ** 2;
+      u[k] = points[i + k]! * sums[s + 6]! - sums[s + 3 + k]!;
+      v[k] = sums[s + k]!;
     }
+    const square = dot(v, v);
     // Of the corners around, a third are the vertex itself: hence 3 / 2.
     if (!square || (sharpness[i / 3] ?? sharp[i / 3 - sharpness.length])) continue;
-    for (let k = 0; k < 3; k++) points[i + k]! += ((3 / 8) * height * sums[s + k]!) / (sums[s + 6]! * square);
+    for (let k = 0; k < 3; k++) points[i + k]! += ((3 / 8) * dot(u, v) * v[k]!) / (sums[s + 6]! * square);
   }
 }

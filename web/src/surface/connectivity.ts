@@ -122,7 +122,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
       X = ahead ? prev[Y]! : next[Y]!;
     } else {
       const side = coder.bit(sides);
-      const steps = stepCounts.decode(coder);
+      const steps = stepCounts.read(coder);
       inRange("the steps of a join of the control mesh", steps, 0, MAX_STEPS, PayloadError);
       let before = side ? P : Q;
       Y = side ? R : S;

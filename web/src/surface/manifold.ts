@@ -52,7 +52,7 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
     const a = faces[h]!;
     const b = faces[nextHalf(h)]!;
     if (pair !== last) ends.push(Math.min(a, b), Math.max(a, b));
-    else if (opposite[before]! >= 0) fail(`the edge of vertices ${Math.min(a, b)},${Math.max(a, b)} has more than two faces`);
+    else if (opposite[before]! >= 0) fail(`the edge of vertices ${a},${b} has more than two faces`);
     else {
       opposite[h] = before;
       opposite[before] = h;

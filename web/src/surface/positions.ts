@@ -38,7 +38,7 @@ export function decodePositions(
         const ends = at[3 * faces[h]! + k]! + at[3 * faces[nextHalf(h)]! + k]!;
         guess += (8 + eighths) * ends - 2 * eighths * at[3 * faces[previousHalf(h)]! + k]!;
       }
-      const x = m ? Math.floor(guess / (16 * m)) + told.decode(coder) : (at[3 * from + k] ?? 0) + untold.decode(coder);
+      const x = m ? Math.floor(guess / (16 * m)) + told.read(coder) : (at[3 * from + k] ?? 0) + untold.read(coder);
       if (Math.abs(x) > MAX_POSITION) {
         throw new PayloadError(`vertex ${v} of the control mesh lies beyond ${MAX_POSITION} grid units`);
       }

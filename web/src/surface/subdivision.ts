@@ -156,8 +156,9 @@ export function divide({ faces, ofHalf, opposite, sharp, valences, sharpness }: 
     const o = opposite[h]!;
     const isFirst = o < h;
     const isSame = o >= 0 && faces[o] === faces[h];
-    out.ofHalf[4 * h] = 2 * e + (isFirst || isSame ? 0 : 1);
-    out.ofHalf[there] = 2 * e + (isFirst || isSame ? 1 : 0);
+    const half = isFirst || isSame ? 0 : 1;
+    out.ofHalf[4 * h] = 2 * e + half;
+    out.ofHalf[there] = 2 * e + 1 - half;
     if (o >= 0) {
       const end = 3 * nextHalf(o) + o;
       out.opposite[4 * h] = isSame ? 4 * o : end;

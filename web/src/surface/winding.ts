@@ -23,9 +23,8 @@ export function windingNumber(points: Float64Array, faces: Uint32Array): (x: num
   /** Twice the area of (x, y) and an edge. Exactly opposite from its other side; a zero counts as beside the edge. */
   const turn = (a: number, b: number, x: number, y: number): number => {
     if (a > b) return -turn(b, a, x, y);
-    const [ax, ay] = [points[3 * a]! - x, points[3 * a + 1]! - y];
-    const [bx, by] = [points[3 * b]! - x, points[3 * b + 1]! - y];
-    return ax * by - ay * bx || Number.MIN_VALUE;
+    const area = (points[3 * a]! - x) * (points[3 * b + 1]! - y) - (points[3 * a + 1]! - y) * (points[3 * b]! - x);
+    return area || Number.MIN_VALUE;
   };
 
   return (x, y, z) => {
