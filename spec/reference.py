@@ -9,7 +9,8 @@ import math
 import struct
 import sys
 import zlib
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
+from pathlib import Path
 
 import numpy as np
 import zstandard
@@ -24,122 +25,103 @@ def need(condition, why):
         raise RefusedError(why)
 
 
-def bf16(two):
-    return struct.unpack("<f", b"\0\0" + two)[0]
+def bf16(bits):
+    return struct.unpack("<f", struct.pack("<I", bits << 16))[0]
 
 
 def check_quaternion(quaternion):
     need(32000**2 <= sum(x * x for x in quaternion) <= 33000**2, "quaternion")
 
 
-# 1. Layout
-
-
 def decode(data):
     """What a file holds: centre, scale, encoder, source, errors; `dhfs`, or `mesh`."""
+    try:
+        return read(data)
+    except (struct.error, IndexError, StopIteration, UnicodeDecodeError, zstandard.ZstdError) as exc:
+        raise RefusedError("end of the bytes, or a frame or text that is not valid") from exc
+
+
+def read(data):  # 1
     need(data[:4] == b"\x89DHF", "signature")
     need(data[4:5] == b"\x01", "version")
     need(26 <= len(data) <= 2**24, "size of the file")
-    end = len(data) - 4
-    need(zlib.crc32(data[:end]) == int.from_bytes(data[end:], "little"), "checksum")
+    body, at, n_sections, bodies = data[:-4], 6, 0, {}
+    need(zlib.crc32(body) == int.from_bytes(data[-4:], "little"), "checksum")
     need(data[5] <= 1, "flags")
-    layout, at = ("<3df", 34) if data[5] else ("<4f", 22)
-    need(at <= end, "end inside the header")
-    *centre, scale = struct.unpack(layout, data[6:at])
+    *centre, scale = struct.unpack_from("<3df" if data[5] else "<4f", body, at)
     need(all(-(2.0**100) <= x <= 2.0**100 for x in centre), "centre")
     need(2.0**-100 <= scale <= 2.0**100, "scale")
-    count, bodies = 0, {}
-    while at < end:
-        kind, length, shift, byte = data[at], 0, 0, 128
+    at += 28 if data[5] else 16
+    while at < len(body):
+        kind, length, shift, byte = body[at], 0, 0, 128
         while byte >= 128:
             at += 1
-            need(at < end and shift < 28, "length of a section")
-            byte = data[at]
+            need(at < len(body) and shift < 28, "length of a section")
+            byte = body[at]
             length += byte % 128 << shift
             shift += 7
         need(byte > 0 or shift == 7, "length in more bytes than it needs")
         at += 1 + length
-        count += 1
-        need(at <= end and count <= 16, "section beyond the end, or the 17th")
+        n_sections += 1
+        need(at <= len(body) and n_sections <= 16, "section beyond the end, or the 17th")
+        need(kind >= 0x80 or kind in (1, 2, 3), "kind of a section")
         if kind in (1, 2, 3, 0x81, 0x82, 0x83):
             need(kind not in bodies, "section twice")
-            bodies[kind] = data[at - length : at]
-        else:
-            need(kind & 0x80, "kind of a section")
+            bodies[kind] = body[at - length : at]
     shapes = [kind for kind in bodies if kind < 4]
     need(len(shapes) == 1, "number of shapes")
-    kind, body = shapes[0], bodies[shapes[0]]
-    shape = {"mesh": surface(body)} if kind == 3 else {"dhfs": height_fields(body, kind)}
-    return {"centre": np.array(centre), "scale": scale, **metadata(bodies), **shape}
+    shape = surface(bodies[3]) if shapes == [3] else height_fields(bodies[shapes[0]], shapes[0])
+    return {"centre": np.array(centre), "scale": scale, **metadata(bodies), "mesh" if shapes == [3] else "dhfs": shape}
 
 
-# 2. Double height fields: records
-
-
-def height_fields(body, kind):
+def height_fields(body, kind):  # 2
     need(body and 1 <= body[0] <= 64, "n_dhfs")
     at, dhfs = 1, []
     for _ in range(body[0]):
-        need(len(body) >= at + 25, "end inside a record")
         fold, *numbers, width, layers, first, hidden = struct.unpack_from("<B10h4B", body, at)
-        quaternion, box = numbers[:4], numbers[4:]
+        quaternion, box = numbers[:4], np.reshape(numbers[4:], (3, 2))
         need(fold <= 3 and 1 <= width <= 128 and 1 <= layers <= 8 and first and hidden, "field of a record")
         check_quaternion(quaternion)
-        need(all(box[k] < box[k + 1] for k in (0, 2, 4)), "box")
+        need((box[:, 0] < box[:, 1]).all(), "box")
         shapes = [(width, 2), (width,), *[(width, width), (width,)] * layers, (2, width), (2,)]
+        steps = struct.unpack_from(f"{len(shapes)}B", body, at + 25)
         at += 25 + len(shapes)
-        need(len(body) >= at, "end inside a record")
-        dhfs.append(
-            {
-                "fold": fold,
-                "quaternion": quaternion,
-                "box": np.array(box).reshape(3, 2) / 2**14,
-                "omegas": [first] + [hidden] * layers,
-                "steps": body[at - len(shapes) : at],
-                "shapes": shapes,
-            }
-        )
-    sizes = [math.prod(shape) for d in dhfs for shape in d["shapes"]]
-    steps = [step for d in dhfs for step in d["steps"]]
+        omegas = [first] + [hidden] * layers
+        dhfs.append({"fold": fold, "quaternion": quaternion, "box": box / 2**14, "omegas": omegas})
+        dhfs[-1]["tensors"] = list(zip(shapes, steps, strict=True))
+    shapes, steps = zip(*(tensor for d in dhfs for tensor in d["tensors"]), strict=True)
+    sizes = [math.prod(shape) for shape in shapes]
     need(sum(sizes) <= 2**20, "number of weights and biases")
-    symbols = iter((zstd_symbols if kind == 1 else rans_symbols)(body[at:], sizes, steps))
+    symbols = np.array((zstd_symbols if kind == 1 else rans_symbols)(body[at:], sizes, steps))
+    need((abs(symbols) <= 32767).all(), "symbol")
+    weights = iter(np.split(symbols, np.cumsum(sizes)))
     for d in dhfs:
-        d["tensors"] = [
-            (np.array(next(symbols)) * 2.0 ** (-(step % 128) / 4)).astype(np.float32).reshape(shape)
-            for step, shape in zip(d["steps"], d["shapes"], strict=True)
-        ]
+        tensors = [(next(weights) * 2.0 ** (-(step % 128) / 4)).reshape(shape) for shape, step in d["tensors"]]
+        d["tensors"] = [tensor.astype(np.float32) for tensor in tensors]
     return dhfs
-
-
-# 3. Double height fields: weights
 
 
 def zstd_symbols(body, sizes, steps):  # 3.1
     need(body[:1] in (b"\x20", b"\x60", b"\xa0"), "frame descriptor")
     digits = {0x20: 1, 0x60: 2, 0xA0: 4}[body[0]]
     content = int.from_bytes(body[1 : 1 + digits], "little") + (256 if digits == 2 else 0)
-    n_low = sum(sizes)
-    need(content == n_low + sum(n for n, step in zip(sizes, steps, strict=True) if step >= 128), "content size")
-    try:
-        raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + body, allow_extra_data=False)
-    except zstandard.ZstdError as exc:
-        raise RefusedError("frame") from exc
+    wide = np.repeat(np.array(steps) >= 128, sizes)
+    need(content == len(wide) + wide.sum(), "content size")
+    raw = zstandard.ZstdDecompressor().decompress(b"\x28\xb5\x2f\xfd" + body, allow_extra_data=False)
     need(len(raw) == content, "content of the frame")
-    low, high, tensors = iter(raw[:n_low]), iter(raw[n_low:]), []
-    for size, step in zip(sizes, steps, strict=True):
-        unsigned = [next(low) + (256 * next(high) if step >= 128 else 0) for _ in range(size)]
-        tensors.append([-(u + 1) // 2 if u % 2 else u // 2 for u in unsigned])
-        need(min(tensors[-1]) >= -32767, "symbol")
-    return tensors
+    unsigned = np.array([*raw[: len(wide)]])
+    unsigned[wide] += 256 * np.array([*raw[len(wide) :]], dtype=int)
+    return np.where(unsigned % 2, -(unsigned + 1) // 2, unsigned // 2)
 
 
 def rans_symbols(body, sizes, steps):  # 3.2
-    need(all(step < 128 for step in steps), "wide step")
+    n = len(sizes)
+    need(max(steps) < 128, "wide step")
     need(sum(sizes) <= 32768 + 4 * len(body), "number of symbols")
-    need(len(body) >= len(sizes) + 4, "end inside the scale codes or the state")
-    need(all(byte % 128 < 60 for byte in body[: len(sizes)]), "scale code")
-    state, stream = int.from_bytes(body[len(sizes) : len(sizes) + 4], "little"), iter(body[len(sizes) + 4 :])
+    *scales, state = struct.unpack_from(f"<{n}BI", body)
+    need(all(scale % 128 < 60 for scale in scales), "scale code")
     need(2**23 <= state < 2**31, "state")
+    stream = iter(body[n + 4 :])
 
     def decode_one(bits, freq):
         nonlocal state
@@ -149,109 +131,86 @@ def rans_symbols(body, sizes, steps):  # 3.2
             a += 1
         state = freq[a] * (state // 2**bits) + part - start
         while state < 2**23:
-            byte = next(stream, None)
-            need(byte is not None, "end of the stream")
-            state = 256 * state + byte
+            state = 256 * state + next(stream)
         return a
 
     def uniform(bits):
         return decode_one(bits, [1] * 2**bits) if bits else 0
 
-    tensors = []
-    for size, byte in zip(sizes, body, strict=False):
-        c, rising, symbol, freq, tensor = byte % 128, byte >= 128, 0, table(byte % 128), []
-        low = max(0, c // 4 - 5)
+    symbols = []
+    for size, scale in zip(sizes, scales, strict=True):
+        symbol, freq, low = 0, table(scale % 128), max(0, scale % 128 // 4 - 5)
         for _ in range(size):
             bucket = decode_one(14, freq)
             magnitude = 256 * uniform(8) + uniform(8) if bucket == 63 else bucket * 2**low + uniform(low)
-            if rising:
+            if scale >= 128:
                 symbol += magnitude
             else:
                 symbol = -magnitude if magnitude and uniform(1) else magnitude
-            need(abs(symbol) <= 32767, "symbol")
-            tensor.append(symbol)
-        tensors.append(tensor)
+            symbols.append(symbol)
     need(state == 2**23 and next(stream, None) is None, "end of the weights")
-    return tensors
+    return symbols
 
 
-# fmt: off
-RATIOS = [
-    5628, 58611, 307285, 991630, 2270549, 4078822, 6171993, 8272320, 10175896, 11780768, 13066109, 14058751, 14805841,
-    15357953, 15760736, 16051906, 16261035, 16410554, 16517109, 16592872, 16646655, 16684790, 16711808, 16730939,
-    16517109, 16592872, 16646655, 16684790,
-]
-# fmt: on
-CHANGES = [2, 205, *RATIOS[:22], *RATIOS[24:]]
+RATIOS = """
+5628 58611 307285 991630 2270549 4078822 6171993 8272320 10175896 11780768 13066109 14058751 14805841 15357953 15760736
+16051906 16261035 16410554 16517109 16592872 16646655 16684790 16711808 16730939"""
 
 
 def table(c):
-    row = c if c < 24 else 24 + c % 4
-    ratio, value, weight = RATIOS[row], 2**24, [2**23 if c < 24 else 2**24]
+    """The change of a row below 24 is the ratio of two rows before; rows from 24 on repeat the ratios of 18 to 21."""
+    rows = [2, 205, *map(int, RATIOS.split())]
+    ratio, change = (rows[c + 2], rows[c]) if c < 24 else [rows[20 + c % 4]] * 2
+    value, weight = 2**24, [2**23 if c < 24 else 2**24]
     for _ in range(62):
         value = value * ratio // 2**24
-        ratio = ratio * CHANGES[row] // 2**24
+        ratio = ratio * change // 2**24
         weight.append(value)
     freq = [1 + w * (2**14 - 64) // sum(weight) for w in [*weight, 0]]
     freq[0] += 2**14 - sum(freq)
     return freq
 
 
-# 4. Surface
-
-
-def surface(body):
-    need(len(body) >= 3, "end inside the surface")
-    flags, step, at, quaternion = body[0], bf16(body[1:3]), 3, (0, 0, 0, 32767)
+def surface(body):  # 4
+    flags, step = struct.unpack_from("<BH", body)
     need(flags < 32 and flags % 16 <= 8, "flags of the surface")
-    need(2.0**-30 <= step <= 1, "step")
-    if flags & 16:
-        need(len(body) >= 11, "end inside the quaternion")
-        quaternion, at = struct.unpack_from("<4h", body, 3), 11
-        check_quaternion(quaternion)
-    coder = RangeDecoder(body[at:])
+    need(2.0**-30 <= bf16(step) <= 1, "step")
+    quaternion = struct.unpack_from("<4h", body, 3) if flags & 16 else (0, 0, 0, 32767)
+    check_quaternion(quaternion)
+    coder = RangeDecoder(body[11 if flags & 16 else 3 :])
     faces = Connectivity(coder, len(body)).read()
     sharp = marks(coder, faces)
     grid = positions(coder, faces, flags % 16)
     coder.end()
-    return {"quaternion": quaternion, "step": step, "positions": grid, "faces": faces, "sharp": sharp}
+    return {"quaternion": quaternion, "step": bf16(step), "positions": grid, "faces": faces, "sharp": sharp}
 
 
-class Context:
-    def __init__(self, zero=32768, count=0):
-        self.zero, self.count = zero, count
+class RangeDecoder:
+    """A context is [zero, count], found by its name in the specification."""
 
-
-def closing(c):
-    return Context(65536 - 1024 * c, 8)
-
-
-class RangeDecoder:  # 4.1
-    def __init__(self, stream):
+    def __init__(self, stream):  # 4.1
         self.stream, self.length, self.taken = stream + bytes(4), len(stream), 4
         self.range, self.code = 2**32 - 1, int.from_bytes(self.stream[:4], "big")
+        self.contexts = defaultdict(lambda: [32768, 0])
+
+    def closing(self, c, *name):
+        self.contexts[name] = [65536 - 1024 * c, 8]
 
     def split(self, bound):
         result = int(self.code >= bound)
-        if result:
-            self.range -= bound
-            self.code -= bound
-        else:
-            self.range = bound
+        self.code -= result * bound
+        self.range = self.range - bound if result else bound
         while self.range < 2**24:
-            need(self.taken < self.length + 4, "end of the stream")
             self.range *= 256
             self.code = 256 * self.code + self.stream[self.taken]
             self.taken += 1
         return result
 
-    def bit(self, c):
-        result = self.split(self.range // 2**16 * c.zero)
-        if result:
-            c.zero -= c.zero // (c.count + 2)
-        else:
-            c.zero += (65536 - c.zero) // (c.count + 2)
-        c.count = min(c.count + 1, 62)
+    def bit(self, *name):
+        zero, count = self.contexts[name]
+        result = self.split(self.range // 2**16 * zero)
+        zero += -(zero // (count + 2)) if result else (65536 - zero) // (count + 2)
+        self.contexts[name] = [zero, min(count + 1, 62)]
         return result
 
     def raw(self, digits):
@@ -266,172 +225,169 @@ class RangeDecoder:  # 4.1
         shortest = 0 if low == 0 or low + self.range > 2**32 else -(-low // 2**24) * 2**24
         need(last == shortest and self.length == self.taken - 4 + (shortest > 0), "end of the surface")
 
-
-class Integers:  # 4.2
-    def __init__(self, coder):
-        self.coder, self.more, self.nonzero, self.negative = coder, [Context() for _ in range(21)], Context(), Context()
-        self.below = [[Context() for _ in range(4)] for _ in range(21)]
-
-    def unsigned(self):
+    def unsigned(self, model):  # 4.2
         digits = value = 1
-        while digits < 21 and self.coder.bit(self.more[digits]):
+        while digits < 21 and self.bit(model, "more", digits):
             digits += 1
         learnt = min(digits - 1, 2)
         for _ in range(learnt):
-            value = 2 * value + self.coder.bit(self.below[digits - 1][value])
+            value = 2 * value + self.bit(model, "below", digits - 1, value)
         rest = digits - 1 - learnt
-        return 2**rest * value + self.coder.raw(rest) - 1
+        return 2**rest * value + self.raw(rest) - 1
 
-    def signed(self):
-        if not self.coder.bit(self.nonzero):
+    def signed(self, model):
+        if not self.bit(model, "nonzero"):
             return 0
-        sign, magnitude = self.coder.bit(self.negative), 1 + self.unsigned()
+        sign, magnitude = self.bit(model, "negative"), 1 + self.unsigned(model)
         return -magnitude if sign else magnitude
+
+
+class Node:
+    """`ends`: next, prev."""
+
+    def __init__(self, vertex, following=None, before=None):
+        self.vertex, self.ends, self.on_border = vertex, [following, before], True
+
+    def other(self, node):
+        return self.ends[1 if self.ends[0] is node else 0]
+
+    def link(self, old, new):
+        self.ends[0 if self.ends[0] is old else 1] = new
 
 
 class Connectivity:  # 4.3
     def __init__(self, coder, n_bytes):
-        self.bit, self.coder, self.most_faces = coder.bit, coder, min(262144, 65536 + 256 * n_bytes)
-        self.next, self.prev, self.vertex, self.on_border = [], [], [], []  # of nodes
-        self.degree, self.is_cap, self.capped = [], [], []  # of vertices
-        self.faces, self.queues = [], [deque() for _ in range(6)]
-        self.closes_pivot = [[closing(c) for c in (1, 1, 25, 8, 22, 36, 42, 40, 33, 15)] for _ in range(3)]
-        self.closes_other = [closing(c) for c in (1, 1, 2, 6, 18, 30, 35, 37, 37, 32)]
-        self.joins, self.far, self.steps = closing(2), closing(5), Integers(coder)
-        self.goes_on, self.caps, self.side, self.twisted = Context(), Context(), Context(), Context()
+        self.coder, self.bit, self.most_faces = coder, coder.bit, min(262144, 65536 + 256 * n_bytes)
+        self.nodes, self.degree, self.caps, self.capped, self.faces = [], [], set(), set(), []
+        self.queues = [deque() for _ in range(6)]
+        for degree in range(10):
+            coder.closing((1, 1, 2, 6, 18, 30, 35, 37, 37, 32)[degree], "closes_other", degree)
+            for kind in range(3):
+                coder.closing((1, 1, 25, 8, 22, 36, 42, 40, 33, 15)[degree], "closes_pivot", kind, degree)
+        coder.closing(2, "joins")
+        coder.closing(5, "far")
 
     def read(self):
-        self.oriented, self.has_caps = self.bit(Context()), self.bit(Context())
-        while self.bit(self.goes_on):
-            a, b, c = (self.make_vertex(False) for _ in range(3))
+        self.oriented, self.has_caps = self.bit("oriented"), self.bit("has_caps")
+        while self.bit("goes_on"):
+            a, b, c = (self.make_vertex() for _ in range(3))
             self.face(a, b, c)
-            n = len(self.vertex)
-            for v, following, before in ((a, n + 1, n + 2), (c, n + 2, n), (b, n, n + 1)):
-                self.push(self.make_node(v, following, before))
-            while (P := self.pivot()) is not None:
-                while self.on_border[P]:
+            A, C, B = (self.make_node(v) for v in (a, c, b))
+            A.ends, C.ends, B.ends = [C, B], [B, A], [A, C]
+            self.push(A, C, B)
+            while P := self.pivot():
+                while P.on_border:
                     self.grow(P)
-        faces, t, turns = [f for f in self.faces if not any(self.is_cap[v] for v in f)], 0, (Context(), Context())
-        if not self.oriented:
-            for k, (a, b, c) in enumerate(faces):
-                t = self.bit(turns[t])
-                if t:
-                    faces[k] = (a, c, b)
-        numbers = {}
-        faces = [tuple(numbers.setdefault(v, len(numbers)) for v in f) for f in faces]
+        faces, t, numbers = [f for f in self.faces if not self.caps & {*f}], 0, {}
+        for k, (a, b, c) in enumerate(faces):
+            t = 0 if self.oriented else self.bit("turns", t)
+            names = [numbers.setdefault(v, len(numbers)) for v in ((a, c, b) if t else (a, b, c))]
+            k_least = names.index(min(names))
+            faces[k] = (*names[k_least:], *names[:k_least])
         check_manifold(faces)
-        return [f[k:] + f[:k] for f in faces for k in [f.index(min(f))]]
+        return faces
 
-    def make_vertex(self, is_cap):
+    def make_vertex(self):
         need(len(self.degree) < 131072, "number of vertices")
         self.degree.append(0)
-        self.is_cap.append(is_cap)
-        self.capped.append(False)
         return len(self.degree) - 1
 
-    def make_node(self, vertex, following, before):
-        self.vertex.append(vertex)
-        self.next.append(following)
-        self.prev.append(before)
-        self.on_border.append(True)
-        return len(self.vertex) - 1
+    def make_node(self, vertex, following=None, before=None, ahead=True):
+        self.nodes.append(Node(vertex, following, before) if ahead else Node(vertex, before, following))
+        return self.nodes[-1]
 
     def face(self, *corners):
         need(len(self.faces) < self.most_faces, "number of faces")
         self.faces.append(corners)
         for v in corners:
             self.degree[v] += 1
-            self.capped[v] |= any(self.is_cap[a] for a in corners)
+        if self.caps & {*corners}:
+            self.capped.update(corners)
 
-    def deg(self, N):
-        return self.degree[self.vertex[N]]
+    def deg(self, N, most):
+        return min(self.degree[N.vertex], most)
 
-    def push(self, N):
-        self.queues[min(self.deg(N), 5)].append(N)
-
-    def other(self, N, M):
-        return self.prev[N] if self.next[N] == M else self.next[N]
-
-    def link(self, *links):
-        for N, M, L in links:
-            (self.next if self.next[N] == M else self.prev)[N] = L
+    def push(self, *nodes):
+        for N in nodes:
+            self.queues[self.deg(N, 5)].append(N)
 
     def pivot(self):
         while any(self.queues):
             for k in (5, 4, 3, 2, 1, 0):
                 while self.queues[k]:
                     N = self.queues[k].popleft()
-                    if self.on_border[N] and min(self.deg(N), 5) == k:
+                    if N.on_border and self.deg(N, 5) == k:
                         return N
-                    if self.on_border[N]:
+                    if N.on_border:
                         self.push(N)
         return None
 
     def zip(self, *nodes):
         for N in nodes:
-            A, B = self.prev[N], self.next[N]
-            if self.on_border[N] and self.vertex[A] != self.vertex[B]:
+            B, A = N.ends
+            if N.on_border and A.vertex != B.vertex:
                 self.push(N)
-            elif self.on_border[N]:
-                self.on_border[N] = self.on_border[B] = False
-                if A != B:
-                    C = self.other(B, N)
-                    self.link((A, N, C), (C, B, A))
-                    self.push(C)
-                    self.push(A)
+            elif N.on_border:
+                N.on_border = B.on_border = False
+                if A is not B:
+                    C = B.other(N)
+                    A.link(N, C)
+                    C.link(B, A)
+                    self.push(C, A)
+
+    def close(self, N, A, B):
+        """Drop N between A and B."""
+        N.on_border = False
+        A.link(N, B)
+        B.link(N, A)
+        self.zip(A, B)
 
     def grow(self, P):
-        Q, R = self.next[P], self.prev[P]
-        ahead = self.deg(Q) >= self.deg(R)
-        if not ahead:
-            Q, R = R, Q
-        S, p, q = self.other(Q, P), self.vertex[P], self.vertex[Q]
-        kind = 2 if self.is_cap[p] else int(self.capped[p])
-
-        def add(a):
-            self.face(*((p, q, a) if ahead else (q, p, a)))
-
-        if self.bit(self.closes_pivot[kind][min(self.deg(P), 9)]):
-            add(self.vertex[R])
-            self.on_border[P] = False
-            self.link((R, P, Q), (Q, P, R))
-            self.zip(R, Q)
-        elif S != R and self.bit(self.closes_other[min(self.deg(Q), 9)]):
-            add(self.vertex[S])
-            self.on_border[Q] = False
-            self.link((P, Q, S), (S, Q, P))
-            self.zip(S, P)
-        elif self.bit(self.joins):
-            self.join(P, Q, ahead, add)
+        ahead = self.degree[P.ends[0].vertex] >= self.degree[P.ends[1].vertex]
+        Q, R = P.ends if ahead else reversed(P.ends)
+        S, p, q = Q.other(P), P.vertex, Q.vertex
+        first = (p, q) if ahead else (q, p)
+        kind = 2 if p in self.caps else int(p in self.capped)
+        if self.bit("closes_pivot", kind, self.deg(P, 9)):
+            self.face(*first, R.vertex)
+            self.close(P, R, Q)
+        elif S is not R and self.bit("closes_other", self.deg(Q, 9)):
+            self.face(*first, S.vertex)
+            self.close(Q, S, P)
+        elif self.bit("joins"):
+            self.join(P, Q, R, S, ahead)
         else:
-            free = self.has_caps and not any(self.is_cap[v] or self.capped[v] for v in (p, q))
-            a = self.make_vertex(bool(free and self.bit(self.caps)))
-            add(a)
-            Y = self.make_node(a, *((Q, P) if ahead else (P, Q)))
-            self.link((P, Q, Y), (Q, P, Y))
-            self.push(Y)
-            self.push(Q)
+            a = self.make_vertex()
+            if self.has_caps and not ({p, q} & self.caps or {p, q} & self.capped) and self.bit("caps"):
+                self.caps.add(a)
+            self.face(*first, a)
+            Y = self.make_node(a, Q, P, ahead)
+            P.link(Q, Y)
+            Q.link(P, Y)
+            self.push(Y, Q)
 
-    def join(self, P, Q, ahead, add):
-        S, R = self.other(Q, P), self.other(P, Q)
-        if self.bit(self.far):
-            Y = self.coder.raw((len(self.vertex) - 1).bit_length())
-            need(0 <= Y < len(self.vertex) and self.on_border[Y], "far join")
-            X = self.prev[Y] if ahead else self.next[Y]
+    def join(self, P, Q, R, S, ahead):
+        if self.bit("far"):
+            number = self.coder.raw((len(self.nodes) - 1).bit_length())
+            need(number < len(self.nodes) and self.nodes[number].on_border, "far join")
+            Y = self.nodes[number]
+            X = Y.ends[1 if ahead else 0]
         else:
-            s, n = self.bit(self.side), self.steps.unsigned()
+            s, n = self.bit("side"), self.coder.unsigned("steps")
             need(n <= 64, "steps of a join")
             before, Y = (P, R) if s else (Q, S)
             for _ in range(n + 1):
-                before, Y = Y, self.other(Y, before)
-            X = self.other(Y, before) if s else before
-        y = self.vertex[Y]
-        need(Y not in (P, Q, R, S) and y not in (self.vertex[P], self.vertex[Q]), "join")
-        if not self.oriented and self.bit(self.twisted):
-            X = self.other(Y, X)
-        add(y)
-        Z = self.make_node(y, *((Q, X) if ahead else (X, Q)))
-        self.link((X, Y, Z), (Y, X, P), (P, Q, Y), (Q, P, Z))
+                before, Y = Y, Y.other(before)
+            X = Y.other(before) if s else before
+        need(Y not in (P, Q, R, S) and Y.vertex not in (P.vertex, Q.vertex), "join")
+        if not self.oriented and self.bit("twisted"):
+            X = Y.other(X)
+        self.face(*((P.vertex, Q.vertex) if ahead else (Q.vertex, P.vertex)), Y.vertex)
+        Z = self.make_node(Y.vertex, Q, X, ahead)
+        X.link(Y, Z)
+        Y.link(X, P)
+        P.link(Q, Y)
+        Q.link(P, Z)
         self.zip(Y, Z, P, Q)
 
 
@@ -445,28 +401,28 @@ def edge(a, b):
 
 def by_edge(faces):
     """For each edge, its faces with the vertex across, in the order of faces."""
-    found = {}
+    found = defaultdict(list)
     for f, face in enumerate(faces):
         for a, b in sides(face):
-            found.setdefault(edge(a, b), []).append((f, sum(face) - a - b))
+            found[edge(a, b)].append((f, sum(face) - a - b))
     return found
 
 
 def check_manifold(faces):
     need(faces, "no faces")
-    need(all(len(set(f)) == 3 for f in faces), "vertex twice in a face")
-    need(len({tuple(sorted(f)) for f in faces}) == len(faces), "two faces of the same vertices")
-    edges, of_vertex = by_edge(faces), {}
-    need(all(len(around) <= 2 for around in edges.values()), "edge of three faces")
-    for f, face in enumerate(faces):
-        for v in face:
-            of_vertex.setdefault(v, []).append(f)
-    for v, around in of_vertex.items():
-        fan, todo = set(), {around[0]}
-        while todo:
-            fan |= todo
-            todo = {g for f in todo for w in faces[f] if w != v for g, _ in edges[edge(v, w)]} - fan
-        need(len(fan) == len(around), "two fans at a vertex")
+    need(all(len({*face}) == 3 for face in faces), "vertex twice in a face")
+    need(len({frozenset(face) for face in faces}) == len(faces), "two faces of the same vertices")
+    need(all(len(around) <= 2 for around in by_edge(faces).values()), "edge of three faces")
+    links = defaultdict(list)  # of a vertex, the sides across from it: they are one chain
+    for face in faces:
+        for a, b in sides(face):
+            links[sum(face) - a - b].append({a, b})
+    for around in links.values():
+        chain = around.pop()
+        while joined := [side for side in around if side & chain]:
+            chain |= set().union(*joined)
+            around = [side for side in around if side not in joined]
+        need(not around, "two fans at a vertex")
 
 
 def marks(coder, faces):  # 4.4
@@ -474,48 +430,46 @@ def marks(coder, faces):  # 4.4
     edges = by_edge(faces)
     todo, marked = ({e for e, around in edges.items() if len(around) == n} for n in (2, 1))
     inner = sorted(todo)
-    if not inner or not coder.bit(Context()):
+    if not inner or not coder.bit("any"):
         return []
-    if coder.bit(Context()):
+    if coder.bit("all"):
         return inner
-    line, alone = ([[Context() for _ in range(3)] for _ in range(n)] for n in (5, 3))
     sharp, left = (Counter(v for e in part for v in e) for part in (marked, todo))
     lines = deque(sorted(v for v in sharp if sharp[v] == 1))
 
-    def mark(e, context):
+    def mark(e, *context):
         todo.remove(e)
-        if result := coder.bit(context):
-            marked.add(e)
+        result = coder.bit(*context)
         for v in e:
             left[v] -= 1
             sharp[v] += result
             if result and sharp[v] == 1:
                 lines.append(v)
+        if result:
+            marked.add(e)
 
     def follow(d):
         rings, seen = [[e for e in marked if d in e]], set()
         while rings[-1]:
             seen.update(rings[-1])
             rings.append(sorted({edge(d, w) for e in rings[-1] for _, w in edges[e]} - seen))
-        for e in (e for ring in reversed(rings) for e in ring):
-            if e in todo and sharp[d] == 1:
-                mark(e, line[min(left[d], 4)][min(sharp[sum(e) - d], 2)])
+        for e in [e for ring in reversed(rings) for e in ring if e in todo]:
+            if sharp[d] == 1:
+                mark(e, "line", min(left[d], 4), min(sharp[sum(e) - d], 2))
 
-    for e in dict.fromkeys(edge(*side) for face in faces for side in sides(face)):
+    for e in edges:
         while lines:
             d = lines.popleft()
             if sharp[d] == 1:
                 follow(d)
         if e in todo:
-            i, j = sorted(min(sharp[v], 2) for v in e)
-            mark(e, alone[i][j])
+            mark(e, "alone", *sorted(min(sharp[v], 2) for v in e))
     return [e for e in inner if e in marked]
 
 
 def positions(coder, faces, eighths):  # 4.5
-    edges, n_vertices = by_edge(faces), 1 + max(map(max, faces))
-    told, untold, missing, last = Integers(coder), Integers(coder), [3] * len(faces), (0, 0, 0)
-    at, near, foretelling, queue = {}, {}, [[] for _ in range(n_vertices)], [deque(), deque(), deque()]
+    edges, n_vertices, missing, last = by_edge(faces), 1 + max(map(max, faces)), [3] * len(faces), (0, 0, 0)
+    at, near, foretelling, queue = {}, {}, defaultdict(list), [deque(), deque(), deque()]
 
     def following():
         for k in (2, 1, 0):
@@ -527,30 +481,21 @@ def positions(coder, faces, eighths):  # 4.5
 
     def place(d):
         nonlocal last
-        here, by = [], foretelling[d]
+        by, m = foretelling[d], len(foretelling[d])
+        here = list(at[near[d]] if d in near else last)
         for k in range(3):
-            total = sum((8 + eighths) * (at[a][k] + at[b][k]) - 2 * eighths * at[c][k] for a, b, c in by)
-            if by:
-                here.append((8 * len(by) + total) // (16 * len(by)) + told.signed())
-            else:
-                here.append((at[near[d]] if d in near else last)[k] + untold.signed())
+            total = 8 * m + sum((8 + eighths) * (at[a][k] + at[b][k]) - 2 * eighths * at[c][k] for a, b, c in by)
+            here[k] = total // (16 * m) + coder.signed("told") if m else here[k] + coder.signed("untold")
             need(abs(here[k]) <= 262144, "position")
         at[d] = last = tuple(here)
-        for f, face in enumerate(faces):
-            if d not in face:
-                continue
+        for f in (f for f, face in enumerate(faces) if d in face):
             missing[f] -= 1
-            if missing[f]:
-                for h in face:
-                    if h not in at and h not in near:
-                        near[h] = d
-                        queue[0].append(h)
-                continue
-            for a, b in sides(face):
-                for other, h in edges[edge(a, b)]:
-                    if other == f or h in at:
-                        continue
-                    foretelling[h].append((a, b, sum(face) - a - b))
+            for a, b in sides(faces[f]):
+                if missing[f] and a not in at and a not in near:
+                    near[a] = d
+                    queue[0].append(a)
+                for h in [h for g, h in edges[edge(a, b)] if g != f and h not in at and not missing[f]]:
+                    foretelling[h].append((a, b, sum(faces[f]) - a - b))
                     if len(foretelling[h]) <= 2:
                         queue[len(foretelling[h])].append(h)
 
@@ -562,34 +507,22 @@ def positions(coder, faces, eighths):  # 4.5
     return [at[v] for v in range(n_vertices)]
 
 
-# 5. Metadata
-
-
-def metadata(bodies):
+def metadata(bodies):  # 5
     errors = bodies.get(0x82, bytes(6))
-    need(len(errors) == 6 and all(bits < 0x7F80 for bits in struct.unpack("<3H", errors)), "errors")
-    found = {"errors": [bf16(errors[k : k + 2]) for k in (0, 2, 4)] if 0x82 in bodies else None}
+    need(len(errors) == 6 and max(struct.unpack("<3H", errors)) < 0x7F80, "errors")
+    found = {"errors": [bf16(bits) for bits in struct.unpack("<3H", errors)] if 0x82 in bodies else None}
     for name, kind in (("encoder", 0x81), ("source", 0x83)):
         need(len(bodies.get(kind, b"")) <= 255, name)
-        try:
-            found[name] = bodies[kind].decode("utf-8") if kind in bodies else None
-        except UnicodeDecodeError as exc:
-            raise RefusedError(name) from exc
+        found[name] = bodies[kind].decode("utf-8") if kind in bodies else None
     return found
 
 
-# 6. The shape: 6.1 double height fields
-
-
-def rotation(quaternion):
-    x, y, z, w = (float(q) for q in quaternion)
-    return np.array(
-        [
-            [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w],
-        ]
-    ) / (x * x + y * y + z * z + w * w)
+def rotation(quaternion):  # 6.1
+    *q, w = (float(x) for x in quaternion)
+    x, y, z = q
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    square = w * w - x * x - y * y - z * z
+    return (square * np.eye(3) + 2 * np.outer(q, q) + 2 * w * cross) / (x * x + y * y + z * z + w * w)
 
 
 def heights(dhf, uv):
@@ -615,10 +548,7 @@ def implicit(shape, points):
     return np.min(terms, axis=0) * shape["scale"]
 
 
-# 6.2 Surface
-
-
-def control_vertices(mesh):
+def control_vertices(mesh):  # 6.2
     """(V, 3) normalised."""
     return mesh["step"] * np.array(mesh["positions"]) @ rotation(mesh["quaternion"])
 
@@ -657,18 +587,14 @@ class Level:
         for (a, b), around in self.edges.items():
             ends, across = self.vertices[a] + self.vertices[b], sum(self.vertices[w] for _, w in around)
             new.append(ends / 2 if (a, b) in self.sharp else 3 / 8 * ends + across / 8)
-        parts = [[], [], [], []]
-        for a, b, c in self.faces:
-            ab, bc, ca = number[edge(a, b)], number[edge(b, c)], number[edge(c, a)]
-            for part, face in zip(parts, ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)), strict=True):
-                part.append(face)
-        return Level(new, [face for part in parts for face in part], [(v, number[e]) for e in self.sharp for v in e])
+        middles = [(a, b, c, *(number[edge(*side)] for side in sides((a, b, c)))) for a, b, c in self.faces]
+        cuts = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+        faces = [tuple(face[k] for k in cut) for cut in cuts for face in middles]
+        return Level(new, faces, [(v, number[e]) for e in self.sharp for v in e])
 
     def limit(self):
         w = [1 / (len(around) + 3 / (8 * beta(len(around)))) for around in self.around]
-        return np.array(
-            [self.dart(v) if len(along) == 1 else self.moved(v, w[v], 1 / 6) for v, along in enumerate(self.along)]
-        )
+        return np.array([self.dart(v) if len(e) == 1 else self.moved(v, w[v], 1 / 6) for v, e in enumerate(self.along)])
 
     def dart(self, v):
         n, ring, r = len(self.around[v]), list(self.along[v]), (5 - math.sqrt(21)) / 2
@@ -680,44 +606,35 @@ class Level:
 
     def normals(self):
         """(F, 3, 3): the normal of each corner of each face."""
-        starting = {side: (f, k) for f, face in enumerate(self.faces) for k, side in enumerate(sides(face))}
-        twice = [
-            e
-            for e, around in self.edges.items()
-            if len({side for f, _ in around for side in sides(self.faces[f]) if edge(*side) == e}) < len(around)
-        ]
-        ends = {*self.sharp, *twice}
-
-        def following(f, k):
-            v, w = self.faces[f][k], self.faces[f][k - 1]
-            return None if edge(v, w) in ends else starting[v, w]
-
         corners = [(f, k) for f in range(len(self.faces)) for k in range(3)]
-        first = set(corners) - {following(*corner) for corner in corners}
-        limit, found = self.limit(), {}
-        for corner in [*first, *corners]:
-            if corner in found:
-                continue
-            sector = [corner]
-            while (after := following(*sector[-1])) not in (None, corner):
-                sector.append(after)
-            found.update(dict.fromkeys(sector, self.normal(sector, limit)))
+        starts = [side for face in self.faces for side in sides(face)]
+        ends = self.sharp | {edge(*side) for side, n in Counter(starts).items() if n > 1}
+        corner_of, after, found, limit = dict(zip(starts, corners, strict=True)), {}, {}, self.limit()
+        for f, k in corners:
+            v, w = self.faces[f][k], self.faces[f][k - 1]
+            if edge(v, w) not in ends:
+                after[f, k] = corner_of[v, w]
+        for corner in [*(c for c in corners if c not in {*after.values()}), *corners]:
+            if corner not in found:
+                sector = [corner]
+                while (following := after.get(sector[-1], corner)) != corner:
+                    sector.append(following)
+                found.update(dict.fromkeys(sector, self.normal(sector, limit)))
         return np.array([found[corner] for corner in corners]).reshape(-1, 3, 3)
 
     def normal(self, sector, limit):
-        n, v = len(sector), self.faces[sector[0][0]][sector[0][1]]
-        others = [self.faces[f][(k + 1) % 3] for f, k in sector] + [self.faces[sector[-1][0]][sector[-1][1] - 1]]
+        n, (f, k), (last_f, last_k) = len(sector), sector[0], sector[-1]
+        v, others = self.faces[f][k], [self.faces[f][k - 2] for f, k in sector] + [self.faces[last_f][last_k - 1]]
         arm, i, s, t = self.vertices[others] - self.vertices[v], np.arange(n), np.zeros(3), np.zeros(3)
         if len(self.along[v]) < 2 and n == len(self.around[v]):
             s, t = np.cos(2 * np.pi * i / n) @ arm[:n], np.sin(2 * np.pi * i / n) @ arm[:n]
-        elif len(self.along[v]) == 2 and {others[0], others[-1]} == set(self.along[v]):
+        elif len(self.along[v]) == 2 and {others[0], others[-1]} == {*self.along[v]}:
             x = np.pi / n
             end = 1 if n == 1 else -math.cos(x) / math.tan(x / 2) / (1 + 2 * math.cos(x))
             s, t = arm[0] - arm[n], end * (arm[0] + arm[n]) + np.sin(x * i) @ arm[:n]
         normal = np.cross(s, t)
         if not normal.any():
-            for f, k in sector:
-                a, b = (limit[self.faces[f][k - j]] - limit[v] for j in (2, 1))
+            for a, b in zip(limit[others[:-1]] - limit[v], limit[others[1:]] - limit[v], strict=True):
                 normal = normal + unit(np.cross(a, b)) * math.acos(np.clip(unit(a) @ unit(b), -1, 1))
         return unit(normal)
 
@@ -737,9 +654,7 @@ def winding(vertices, faces, point):
 
 if __name__ == "__main__":
     for path in sys.argv[1:]:
-        with open(path, "rb") as file:
-            content = file.read()
         try:
-            print(path, decode(content))
+            print(path, decode(Path(path).read_bytes()))
         except RefusedError as refused:
             print(path, "refused:", refused)

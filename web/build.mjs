@@ -17,9 +17,10 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "below", "bias", "codec", "count", "digits", "evaluate", "finish", "frequencies", "further", "inputs",
-  "kind", "layers", "limit", "lookup", "magnitude", "matrix", "nDhfs", "negative", "network", "nonzero", "normalised",
-  "outputs", "raw", "sharpness", "starts", "take", "valences", "widen", "winding", "zero",
+  "adaptive", "below", "bias", "bit", "bodies", "code", "count", "digits", "divided", "evaluate", "finish", "frequencies",
+  "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network", "nonzero",
+  "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "read", "refined", "sharpness", "split", "starts", "take", "topology",
+  "valences", "widen", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */
@@ -27,7 +28,7 @@ async function smaller(code, map, path) {
   const out = await minify(code, {
     module: true,
     ecma: 2020,
-    compress: { passes: 3, unsafe_arrows: !!path }, // three.js has functions that are constructors
+    compress: { passes: 5, pure_getters: true, hoist_funs: true, unsafe_arrows: !!path }, // three.js has functions that are constructors
     mangle: path === "dist/index.js" ? { properties: { regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
     ...(path && { sourceMap: { ...map, url: `${path.split("/").pop()}.map` } }),
   });

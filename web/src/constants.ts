@@ -5,6 +5,8 @@ export const enum c {
 
   FLAGS_AT = 5,
   FRAME_AT = 6,
+  SCALE_AT = 18,
+  SCALE_AT_FAR = 30,
   RECORD_HEAD_SIZE = 25,
   CRC_SIZE = 4,
 
@@ -21,12 +23,7 @@ export const enum c {
   QUATERNION_ONE = 32767,
   QUATERNION_MIN_NORM = 32000,
   QUATERNION_MAX_NORM = 33000,
-  BOX_STEP = 2 ** -14,
   STEP_WIDE = 0x80,
-
-  MAX_CENTRE = 2 ** 100,
-  MIN_SCALE = 2 ** -100,
-  MAX_SCALE = 2 ** 100,
 
   MAX_FILE_SIZE = 2 ** 24,
   MAX_SECTIONS = 16,

@@ -3,6 +3,7 @@ import { c } from "./constants.js";
 import { crc32 } from "./crc32.js";
 import {
   ChecksumError,
+  type CndhfError,
   FieldError,
   LimitError,
   SectionError,
@@ -11,6 +12,9 @@ import {
   TruncatedError,
   VersionError,
 } from "./errors.js";
+
+const SIGNATURE = "\x89DHF";
+const FAR = 2 ** 100; // bounds centre and scale
 
 export interface Header {
   /** Input coordinates of the normalised frame's origin. */
@@ -39,60 +43,61 @@ export function bfloat16(data: DataView, at: number): number {
 /** Read and check all but what sections hold. Throws a FormatError. */
 export function readContainer(bytes: Uint8Array): Header {
   const size = bytes.length;
-  checkStart(bytes);
-  const data = view(bytes);
+  const cut = (where: string): TruncatedError => new TruncatedError(`the file ends after ${size} bytes, inside ${where}`);
+  // The version comes before all that may differ in another one.
+  const start = String.fromCharCode(...bytes.subarray(0, 6));
+  if (!start.startsWith(SIGNATURE)) {
+    if (SIGNATURE.startsWith(start)) throw cut("the signature");
+    if (start.includes("DHF")) throw new TextModeError("the file was damaged by a transfer of text: copy it again, as binary");
+    throw new SignatureError("this is not a .cndhf file");
+  }
+  const version = bytes[4] ?? c.VERSION;
+  if (version === c.VERSION_0) throw new VersionError("the file has format 0.x; encode the source mesh again");
+  if (version !== c.VERSION) throw new VersionError(`the file has format version ${version}; this decoder reads 1`);
   const end = size - c.CRC_SIZE;
+  if (end < c.FRAME_AT) throw cut("its header");
+  inRange("the size of the file", size, 0, c.MAX_FILE_SIZE, LimitError);
+  const data = view(bytes);
   if (crc32(bytes.subarray(0, end)) !== data.getUint32(end, true)) {
-    throw new ChecksumError("the checksum does not match: the file is damaged or incomplete; copy it again, as binary");
+    throw new ChecksumError("the checksum does not match: the file is damaged or incomplete; copy it again");
   }
   const flags = bytes[c.FLAGS_AT]!;
-  if (flags > c.FAR_CENTRE) throw new FieldError(`field flags is ${flags}; 0 and 1 are allowed`);
-  const width = flags ? 8 : 4;
-  let at = c.FRAME_AT + 3 * width;
-  if (at + 4 > end) throw new TruncatedError(`the file ends after ${size} bytes, inside its header`);
+  inRange("field flags", flags, 0, c.FAR_CENTRE);
+  let at = flags ? c.SCALE_AT_FAR : c.SCALE_AT;
+  if (at + 4 > end) throw cut("its header");
   const centre = [0, 1, 2].map((k) =>
     flags ? data.getFloat64(c.FRAME_AT + 8 * k, true) : data.getFloat32(c.FRAME_AT + 4 * k, true),
   ) as Header["centre"];
+  for (const x of centre) inRange("field centre", x, -FAR, FAR);
   const scale = data.getFloat32(at, true);
-  if (!centre.every((x) => Math.abs(x) <= c.MAX_CENTRE)) {
-    throw new FieldError(`field centre is ${centre}; -2^100 to 2^100 are allowed`);
-  }
-  if (!(scale >= c.MIN_SCALE && scale <= c.MAX_SCALE)) {
-    throw new FieldError(`field scale is ${scale}; 2^-100 to 2^100 are allowed`);
-  }
+  inRange("field scale", scale, 1 / FAR, FAR);
   at += 4;
   const sizes: Header["sizes"] = { layout: size };
   const bodies: Header["bodies"] = new Map();
   let shape = 0;
   for (let n = 0; at < end; n++) {
     const kind = bytes[at]!;
+    const long = (what: string): SectionError => new SectionError(`the length of a section of kind ${kind} has more ${what}`);
     let length = 0;
     let shift = 0;
     let byte = 128;
-    for (; byte > 127; shift += 7) {
-      if (shift === 28) throw new SectionError(`the length of a section of kind ${kind} has more than 4 bytes`);
-      if (++at >= end) break;
+    for (; byte > 127 && ++at < end; shift += 7) {
+      if (shift === 28) throw long("than 4 bytes");
       byte = bytes[at]!;
       length |= (byte & 127) << shift;
     }
-    if (!byte && shift > 7) throw new SectionError(`the length of a section of kind ${kind} has more bytes than it needs`);
+    if (!byte && shift > 7) throw long("bytes than it needs");
     const start = ++at;
     at += length;
     if (at > end) throw new TruncatedError("the last section goes on beyond the end of the file");
     if (n === c.MAX_SECTIONS) throw new LimitError(`the file has more than ${n} sections`);
     const isShape = kind && kind <= c.KIND_SURFACE;
     const isKnown = isShape || (kind > c.OPTIONAL && kind <= c.KIND_SOURCE);
-    if (!isKnown && kind < c.OPTIONAL) {
-      throw new SectionError(`a section has kind ${kind}, which this decoder does not know`);
-    }
-    if (isKnown) {
-      if (bodies.has(kind)) throw new SectionError(`there are 2 sections of kind ${kind}`);
-      bodies.set(kind, bytes.subarray(start, at));
-    }
-    if (isShape) {
-      if (shape) throw new SectionError("the file holds two shapes");
-      shape = kind;
-    }
+    if (!isKnown && kind < c.OPTIONAL) throw new SectionError(`a section has kind ${kind}, which this decoder does not know`);
+    if (bodies.has(kind)) throw new SectionError(`there are 2 sections of kind ${kind}`);
+    if (isShape && shape) throw new SectionError("the file holds two shapes");
+    if (isShape) shape = kind;
+    if (isKnown) bodies.set(kind, bytes.subarray(start, at));
     const name = isShape ? "surface" : isKnown ? "metadata" : "other";
     sizes[name] = (sizes[name] ?? 0) + length;
     sizes["layout"]! -= length;
@@ -101,11 +106,15 @@ export function readContainer(bytes: Uint8Array): Header {
   return { centre, scale, bytes: size, sizes, kind: shape, bodies };
 }
 
-/** Throw LimitError unless a whole number lies in a range, ends included. */
-export function inRange(field: string, value: number, least: number, most: number): void {
-  if (value < least || value > most) {
-    throw new LimitError(`${field} is ${value}; ${least} to ${most} are allowed`);
-  }
+/** Throw an error of this kind unless a number lies in a range, ends included. */
+export function inRange(
+  field: string,
+  value: number,
+  least: number,
+  most: number,
+  Kind: new (message: string) => CndhfError = FieldError,
+): void {
+  if (!(value >= least && value <= most)) throw new Kind(`${field} is ${value}; ${least} to ${most} are allowed`);
 }
 
 /** Throw FieldError unless four integers x, y, z, w are near the length that stands for 1. */
@@ -114,24 +123,4 @@ export function checkQuaternion(quaternion: number[], name: string): void {
   if (squares < c.QUATERNION_MIN_NORM ** 2 || squares > c.QUATERNION_MAX_NORM ** 2) {
     throw new FieldError(`${name}: field quaternion has norm ${Math.round(Math.sqrt(squares))}; it must be near 32767`);
   }
-}
-
-/** Check signature, version and size: the version before all that may differ in another one. */
-function checkStart(bytes: Uint8Array): void {
-  const size = bytes.length;
-  const start = String.fromCharCode(...bytes.subarray(0, 6));
-  if (!start.startsWith("\x89DHF")) {
-    if ("\x89DHF".startsWith(start)) throw new TruncatedError(`the file ends after ${size} bytes, inside the signature`);
-    if (start.includes("DHF")) {
-      throw new TextModeError("the signature is damaged as by a transfer of text: copy the file as binary");
-    }
-    throw new SignatureError("this is not a .cndhf file (wrong signature)");
-  }
-  const version = bytes[4] ?? c.VERSION;
-  if (version === c.VERSION_0) {
-    throw new VersionError("the file was written by format 0.x; encode the source mesh again with a newer encoder");
-  }
-  if (version !== c.VERSION) throw new VersionError(`the file has format version ${version}; this decoder reads 1`);
-  if (size < c.FRAME_AT + c.CRC_SIZE) throw new TruncatedError(`the file ends after ${size} bytes, inside its header`);
-  if (size > c.MAX_FILE_SIZE) throw new LimitError(`the file has ${size} bytes; ${c.MAX_FILE_SIZE} are allowed`);
 }

@@ -21,7 +21,7 @@ export type Model = DhfModel | SurfaceModel;
  */
 export async function decode(data: Uint8Array | ArrayBuffer): Promise<Model> {
   const bytes = data instanceof ArrayBuffer ? new Uint8Array(data) : data;
-  if (!(bytes instanceof Uint8Array)) throw new OptionError("data is not a Uint8Array or an ArrayBuffer");
+  if (!(bytes instanceof Uint8Array)) throw new OptionError("data is no Uint8Array or ArrayBuffer");
   const header = readContainer(bytes);
   const about = readMetadata(header.bodies);
   const body = header.bodies.get(header.kind)!;
@@ -35,7 +35,7 @@ export async function decode(data: Uint8Array | ArrayBuffer): Promise<Model> {
   let symbols: Int16Array[];
   if (header.kind === c.KIND_RANS) {
     if (wide.includes(true)) {
-      throw new FieldError("a step byte has bit 7 set, which codec 2 does not use");
+      throw new FieldError("a step byte has bit 7 set, with codec 2");
     }
     symbols = decodeRans(weights, sizes);
   } else {

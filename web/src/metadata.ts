@@ -25,11 +25,13 @@ export function readMetadata(bodies: Map<number, Uint8Array>): Metadata {
   };
   const body = bodies.get(c.KIND_ERRORS);
   if (body && body.length !== 6) throw new FieldError(`metadata: the errors have ${body.length} bytes; they have 6`);
-  const errors = [0, 2, 4].map((at) => (body ? bfloat16(view(body), at) : null));
-  // -0 is refused, too.
-  if (!errors.every((e, k) => e === null || (body![2 * k + 1]! < 128 && e < Infinity))) {
-    throw new FieldError("metadata: an error is negative or not finite");
-  }
+  const errors = [0, 2, 4].map((at) => {
+    if (!body) return null;
+    const error = bfloat16(view(body), at);
+    // -0 is refused, too.
+    if (!(error < Infinity) || body[at + 1]! > 127) throw new FieldError("metadata: an error is negative or not finite");
+    return error;
+  });
   const [meanError, p99Error, maxError] = errors as [number, number, number];
   return { encoder: text(c.KIND_ENCODER), source: text(c.KIND_SOURCE), meanError, p99Error, maxError };
 }

@@ -21,8 +21,8 @@ export type Points = ArrayLike<number>;
 export abstract class Shape {
   abstract readonly representation: "dhf" | "surface";
   /** Input coordinates are centre + scale times normalised ones. */
-  readonly centre: [number, number, number];
-  readonly scale: number;
+  declare readonly centre: [number, number, number];
+  declare readonly scale: number;
 
   constructor(
     protected readonly header: Header,

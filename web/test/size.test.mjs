@@ -11,7 +11,7 @@ const read = (path) => readFileSync(new URL(path, DIST));
 const chunk = (name) => `chunks/${readdirSync(new URL("chunks/", DIST)).find((f) => f.startsWith(name) && f.endsWith(".js"))}`;
 
 for (const [what, path, most] of [
-  ["the decoder of both kinds, queries, and meshes of surfaces", "index.js", 13_000],
+  ["the decoder of both kinds, queries, and meshes of surfaces", "index.js", 12_000],
   ["marching cubes, loaded by the first mesh of double height fields", chunk("isosurface"), 3_500],
   ["zstd, loaded by the first file of preset paper", chunk("weights"), 3_800],
   ["what belongs to three.js", "three.js", 5_000],

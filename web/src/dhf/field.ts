@@ -5,8 +5,8 @@ import type { DhfRecord } from "./records.js";
 
 export class Field {
   /** Takes the normalised frame to (u, v, z), row by row. */
-  readonly rotation: number[];
-  private readonly network: Network;
+  declare readonly rotation: number[];
+  private declare readonly network: Network;
 
   constructor(
     readonly record: DhfRecord,

@@ -1,6 +1,6 @@
 /** Codec 2 of weights: rANS with a rounded Gaussian per tensor: spec/cndhf.md, section 3.2. */
 import { c } from "../constants.js";
-import { view } from "../container.js";
+import { inRange, view } from "../container.js";
 import { LimitError, PayloadError } from "../errors.js";
 
 const SCALE_CODES = 60;
@@ -11,12 +11,11 @@ const LOW = 2 ** 23;
 const FREE_SYMBOLS = 2 ** 15;
 const SYMBOLS_PER_BYTE = 4;
 
-// p of the spec's rows 0 to 23. Their q are the p of two rows before, but for the first two; rows 24 to 27 have rows 18
-// to 21's p as p and q.
-const P = [
-  5628, 58611, 307285, 991630, 2270549, 4078822, 6171993, 8272320, 10175896, 11780768, 13066109, 14058751, 14805841,
-  15357953, 15760736, 16051906, 16261035, 16410554, 16517109, 16592872, 16646655, 16684790, 16711808, 16730939,
-];
+/**
+ * The spec's ratio of a row; its change is that of two rows before. They are whole numbers near to these powers, none of
+ * which is within 0.01 of the middle between two, so that no rounding of `exp` can matter.
+ */
+const ratio = (row: number): number => Math.round(2 ** 24 * Math.exp(-(2 ** (3 - row / 2))));
 
 interface Table {
   frequencies: Int32Array;
@@ -27,8 +26,8 @@ interface Table {
 
 function makeTable(code: number): Table {
   const wide = code >= 24;
-  let p = P[wide ? 18 + (code % 4) : code]!;
-  const q = wide ? p : (P[code - 2] ?? [2, 205][code]!);
+  let p = ratio(wide ? 18 + (code % 4) : code);
+  const q = wide ? p : ratio(code - 2);
   let value = 2 ** 24;
   const weights = [wide ? value : value / 2];
   for (let k = 1; k < ESCAPE; k++) {
@@ -53,19 +52,13 @@ function makeTable(code: number): Table {
 export function decodeRans(body: Uint8Array, sizes: number[]): Int16Array[] {
   const total = sizes.reduce((a, b) => a + b);
   if (total > FREE_SYMBOLS + SYMBOLS_PER_BYTE * body.length) {
-    throw new LimitError(
-      `the weights have ${body.length} bytes for ${total} symbols, which are too many`,
-    );
+    throw new LimitError(`the weights have ${body.length} bytes: too few for ${total} symbols`);
   }
   let at = sizes.length + 4;
   if (body.length < at) throw new PayloadError("the weights end inside their scale codes");
   const codes = body.subarray(0, sizes.length);
   const largest = codes.reduce((most, code) => Math.max(most, code & 127), 0);
-  if (largest >= SCALE_CODES) {
-    throw new PayloadError(
-      `a scale code of the weights is ${largest}; 0 to ${SCALE_CODES - 1} are allowed`,
-    );
-  }
+  inRange("a scale code of the weights", largest, 0, SCALE_CODES - 1, PayloadError);
   let state = view(body).getUint32(at - 4, true);
   if (state < LOW || state >= 256 * LOW) {
     throw new PayloadError("the weights start with an impossible state");

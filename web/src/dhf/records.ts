@@ -26,7 +26,7 @@ export function readRecords(body: Uint8Array): { records: DhfRecord[]; size: num
   const records: DhfRecord[] = [];
   if (!body.length) throw new TruncatedError("the records end before DHF 0");
   const nDhfs = body[0]!;
-  inRange("field n_dhfs", nDhfs, 1, c.MAX_DHFS);
+  inRange("field n_dhfs", nDhfs, 1, c.MAX_DHFS, LimitError);
   let at = 1;
   let parameters = 0;
   for (let i = 0; i < nDhfs; i++) {
@@ -42,13 +42,13 @@ export function readRecords(body: Uint8Array): { records: DhfRecord[]; size: num
       number, number, number, number,
     ];
     at += c.RECORD_HEAD_SIZE;
-    inRange(`${name}: field width`, width, 1, c.MAX_WIDTH);
-    inRange(`${name}: field hidden_layers`, hiddenLayers, 1, c.MAX_HIDDEN_LAYERS);
+    inRange(`${name}: field width`, width, 1, c.MAX_WIDTH, LimitError);
+    inRange(`${name}: field hidden_layers`, hiddenLayers, 1, c.MAX_HIDDEN_LAYERS, LimitError);
     const nTensors = 2 * (hiddenLayers + 2);
     need(nTensors);
     const steps = body.subarray(at, at + nTensors);
     at += nTensors;
-    if (fold > 3) throw new FieldError(`${name}: field fold is ${fold}; 0 to 3 are allowed`);
+    inRange(`${name}: field fold`, fold, 0, 3);
     checkQuaternion(quaternion, name);
     for (let k = 0; k < 6; k += 2) {
       if (box[k]! >= box[k + 1]!) {
@@ -61,7 +61,7 @@ export function readRecords(body: Uint8Array): { records: DhfRecord[]; size: num
     sizes.push(2 * width, 2);
     parameters += sizes.reduce((a, b) => a + b);
     records.push({
-      fold, quaternion, box: box.map((x) => x * c.BOX_STEP), width, hiddenLayers, omegaFirst, omegaHidden, steps, sizes,
+      fold, quaternion, box: box.map((x) => x / 2 ** 14), width, hiddenLayers, omegaFirst, omegaHidden, steps, sizes,
     });
   }
   if (parameters > c.MAX_PARAMETERS) {

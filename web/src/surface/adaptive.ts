@@ -1,115 +1,113 @@
-/** Adaptive subdivision: triangles of several levels without gaps, as near to the surface as is needed everywhere. */
+/** Meshes of the limit surface: triangles of several levels without gaps, as near to it as is needed everywhere. */
 import { nextHalf } from "./manifold.js";
-import { type LimitMesh, limitMesh } from "./limit.js";
-import { divide, nextVertices, type Topology } from "./subdivision.js";
+import { type Sectors, sectorsOf, type Step } from "./sectors.js";
+import { divide, limitPoints, nextLimitPoints, nextVertices, type Topology } from "./subdivision.js";
+import { arm, cross, dot, u, v, w } from "./vectors.js";
 
-const MAX_LEVEL = 6;
-const MOST_FACES = 2 ** 19; // of the finest level
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
 // The triangles of a face by its divided edges: edge k, from corner k to the next, counts 2^k. Points 0 to 2 are its
 // corners, 3 + k the middle of edge k.
-const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150"];
+const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150", "035314542345"].map((cut) =>
+  [...cut].map(Number),
+);
+
+export interface LimitMesh extends Sectors {
+  /** Points of the limit surface, three coordinates per vertex. */
+  points: Float64Array;
+  /** Three sectors per triangle. */
+  index: Uint32Array;
+}
 
 /**
  * The mesh of a control mesh with these vertices. An edge is divided where the surface is farther from it than the
- * tolerance, which follows from the diagonal. Where `isOriented`, vertices are moved outward, see `balance`.
+ * tolerance, which follows from the diagonal, up to `maxLevel` times. A tolerance below 0 divides all as often. Where
+ * `isBalanced`, vertices are moved outward, see `balance`.
  */
-export function adaptiveMesh(
-  mesh: Topology,
+export function limitMesh(
+  control: Topology,
   vertices: Float64Array,
   toleranceOf: (diagonal: number) => number,
-  isOriented: boolean,
+  maxLevel: number,
+  isBalanced: boolean,
 ): LimitMesh {
-  const faces = mesh.faces;
-  const levels: Topology[] = []; // without the finest
-  const divided: Uint8Array[] = [];
-  let fine = limitMesh(mesh, vertices, false);
-  const tolerance = toleranceOf(diagonal(fine.points));
-  let error = 0;
-  for (let k = 0; k < MAX_LEVEL && (faces.length / 3) * 4 ** (k + 1) <= MOST_FACES; k++) {
-    if (k) mesh = divide(mesh);
-    vertices = nextVertices(mesh, vertices);
-    const next = limitMesh(mesh, vertices, true);
-    const found = distances(mesh, next.points);
-    const before = k ? error : 0;
-    error = found.slice().sort()[Math.floor((1 - BEYOND) * (found.length - 1))]!;
-    if (error <= tolerance) break;
-    levels.push(mesh);
-    divided.push(Uint8Array.from(found, (d) => (d > tolerance ? 1 : 0)));
-    fine = next;
-    // A step divides the error by four in the end. When that will do, it is believed.
-    if (Math.max(before ? error / before : 1, 1 / 4) * error < tolerance) break;
+  const steps: Step[] = [];
+  let mesh = control;
+  let next = nextVertices(mesh, vertices);
+  let points = limitPoints(mesh, vertices, next);
+  const tolerance = toleranceOf(diagonal(points));
+  let error = 0; // of the level before
+  for (let k = 0; k < maxLevel; k++) {
+    if (k) {
+      mesh = divide(mesh);
+      next = nextVertices(mesh, next);
+    }
+    const finer = nextLimitPoints(mesh, next, points);
+    const n = mesh.sharp.length;
+    const divided = new Uint8Array(n).fill(1);
+    const before = error;
+    if (tolerance >= 0) {
+      const far = setFar(divided, distances(mesh, finer), tolerance);
+      const nBeyond = n - 1 - Math.floor((1 - BEYOND) * (n - 1));
+      if (far.length <= nBeyond) break;
+      if (k < maxLevel - 1) error = far.sort()[far.length - 1 - nBeyond]!;
+    }
+    steps.push({ mesh, refined: next, divided });
+    points = finer;
+    // The next step divides the error as the last one did, by four at most: when that will do, it is believed.
+    if (Math.max(error / before, 1 / 4) * error < tolerance) break;
   }
-  // Faces of which any edge is divided exist only where the face that they come from is divided as a whole.
-  for (let k = levels.length - 1; k > 0; k--) {
-    levels[k]!.ofHalf.forEach((e, h) => {
-      const whole = 3 * Math.floor(h / 12);
-      if (divided[k]![e]) for (let i = whole; i < whole + 3; i++) divided[k - 1]![levels[k - 1]!.ofHalf[i]!] = 1;
-    });
-  }
-  const index: number[] = [];
+  for (let k = steps.length - 1; k > 0; k--) setWhole(steps[k - 1]!, steps[k]!);
+  const sectors = sectorsOf(control, vertices, steps, points);
+  const { ofCorner, ofNew } = sectors;
+  const index = new Uint32Array(control.faces.length * 4 ** steps.length);
+  let size = 0;
   const add = (k: number, face: number): void => {
-    const finer = 4 ** (levels.length - k); // corner h is corner 4 h of the next level
     let kind = 0;
-    if (finer > 1) for (let i = 0; i < 3; i++) kind += divided[k]![levels[k]!.ofHalf[3 * face + i]!]! << i;
-    if (kind === 7) for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
-    // The middle of edge i is corner i of the face in the middle.
-    else for (const p of CUTS[kind]!) index.push(fine.index[+p < 3 ? (3 * face + +p) * finer : ((12 * face + 6 + +p) * finer) / 4]!);
+    const step = steps[k];
+    if (step) for (let i = 0; i < 3; i++) kind += step.divided[step.mesh.ofHalf[3 * face + i]!]! << i;
+    if (kind === 7 && k < steps.length - 1) {
+      for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
+    } else {
+      const old = ofCorner[k]!;
+      const made = ofNew[k]!;
+      for (const p of CUTS[kind]!) index[size++] = p < 3 ? old[3 * face + p]! : made[3 * face + p - 3]!;
+    }
   };
-  for (let face = 0; face < faces.length / 3; face++) add(0, face);
-  fine.index = Uint32Array.from(index);
-  if (isOriented) {
-    const { sharpness, sharp } = mesh;
-    const isSmooth = (v: number): boolean => !(v < sharpness.length ? sharpness[v] : sharp[v - sharpness.length]);
-    balance(fine, isSmooth);
-  }
-  return fine;
+  for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
+  const made = { ...sectors, points, index: index.slice(0, size) };
+  if (isBalanced) balance(made, steps.at(-1)?.mesh ?? mesh);
+  return made;
 }
 
-/** Leave out what no triangle uses. */
-export function withoutUnused({ points, normals, index }: LimitMesh): Omit<LimitMesh, "further"> {
-  const numbers = new Int32Array(points.length / 3);
-  let count = 0; // of those in use; their numbers are from 1
-  const renumbered = index.map((v) => (numbers[v] ||= ++count) - 1);
-  const made = { points: new Float64Array(3 * count), normals: new Float32Array(3 * count), index: renumbered };
-  for (let v = 0; v < numbers.length; v++) {
-    const to = 3 * numbers[v]! - 3;
-    for (let k = 0; to >= 0 && k < 3; k++) {
-      made.points[to + k] = points[3 * v + k]!;
-      made.normals[to + k] = normals[3 * v + k]!;
-    }
+/** Set which edges are farther than the tolerance. Gives the distances of those, in the memory of all. */
+function setFar(divided: Uint8Array, distances: Float64Array, tolerance: number): Float64Array {
+  let n = 0;
+  for (let e = 0; e < distances.length; e++) {
+    divided[e] = distances[e]! > tolerance ? 1 : 0;
+    if (divided[e]) distances[n++] = distances[e]!;
   }
-  return made;
+  return distances.subarray(0, n);
+}
+
+/** Faces of which any edge is divided exist only where the face that they come from is divided as a whole. */
+function setWhole(coarse: Step, fine: Step): void {
+  const { ofHalf } = fine.mesh;
+  for (let h = 0; h < ofHalf.length; h++) {
+    if (!fine.divided[ofHalf[h]!]) continue;
+    const whole = 3 * Math.floor(h / 12);
+    for (let i = whole; i < whole + 3; i++) coarse.divided[coarse.mesh.ofHalf[i]!] = 1;
+  }
 }
 
 /** The length of the diagonal of the bounding box of points. */
 function diagonal(points: Float64Array): number {
   let square = 0;
   for (let k = 0; k < 3; k++) {
-    let low = Infinity;
-    let high = -Infinity;
-    for (let i = k; i < points.length; i += 3) {
-      low = Math.min(low, points[i]!);
-      high = Math.max(high, points[i]!);
-    }
-    square += (high - low) ** 2;
+    const x = points.filter((_, i) => i % 3 === k).sort();
+    square += (x.at(-1)! - x[0]!) ** 2;
   }
   return Math.sqrt(square);
-}
-
-const product = new Float64Array(3);
-
-/** Set `product` to the cross product of b - a and c - a, each a vertex of points. Gives its length. */
-function setProduct(points: Float64Array, a: number, b: number, c: number): number {
-  for (let k = 0; k < 3; k++) {
-    const i = (k + 1) % 3;
-    const j = (k + 2) % 3;
-    const x = points[3 * a + i]!;
-    const y = points[3 * a + j]!;
-    product[k] = (points[3 * b + i]! - x) * (points[3 * c + j]! - y) - (points[3 * b + j]! - y) * (points[3 * c + i]! - x);
-  }
-  return Math.sqrt(product[0]! ** 2 + product[1]! ** 2 + product[2]! ** 2);
 }
 
 /**
@@ -118,60 +116,59 @@ function setProduct(points: Float64Array, a: number, b: number, c: number): numb
  */
 function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64Array): Float64Array {
   const out = new Float64Array(sharp.length);
-  const length = (a: number, b: number): number =>
-    Math.sqrt(
-      (points[3 * b]! - points[3 * a]!) ** 2 + (points[3 * b + 1]! - points[3 * a + 1]!) ** 2 + (points[3 * b + 2]! - points[3 * a + 2]!) ** 2,
-    );
-  for (let h = 0; h < faces.length; h++) {
-    const a = faces[h]!;
-    const b = faces[nextHalf(h)]!;
-    const e = ofHalf[h]!;
-    const middle = valences.length + e;
-    const size = setProduct(points, a, b, faces[nextHalf(nextHalf(h))]!);
-    let far = 0;
-    for (let k = 0; size && k < 3; k++) far += (product[k]! / size) * (points[3 * middle + k]! - points[3 * a + k]!);
-    far = Math.abs(far);
-    if (sharp[e]) {
-      const chord = length(a, b);
-      far = Math.max(far, chord ? setProduct(points, a, b, middle) / chord : length(a, middle));
+  for (let f = 0; f < faces.length; f += 3) {
+    const corner = 3 * faces[f]!;
+    arm(u, points, corner, 3 * faces[f + 1]!);
+    arm(v, points, corner, 3 * faces[f + 2]!);
+    const size = cross() || 1;
+    for (let h = f; h < f + 3; h++) {
+      const e = ofHalf[h]!;
+      arm(u, points, corner, 3 * (valences.length + e));
+      out[e] = Math.max(out[e]!, Math.abs(dot(u, w)) / size);
     }
-    if (far > out[e]!) out[e] = far;
+  }
+  for (let h = 0; h < faces.length; h++) {
+    const e = ofHalf[h]!;
+    if (!sharp[e]) continue;
+    arm(u, points, 3 * faces[h]!, 3 * faces[nextHalf(h)]!);
+    arm(v, points, 3 * faces[h]!, 3 * (valences.length + e));
+    const chord = dot(u, u);
+    out[e] = Math.max(out[e]!, chord ? cross() / Math.sqrt(chord) : Math.sqrt(dot(v, v)));
   }
   return out;
 }
 
 /**
  * Move smooth vertices off the surface by a quarter of their height over the mean of their neighbours: then the
- * triangles are as much outside as inside of it.
+ * triangles are as much outside as inside of it. Those of an oriented mesh have one sector each.
  */
-function balance({ points, index, further }: LimitMesh, isSmooth: (vertex: number) => boolean): void {
-  const n = points.length;
-  const normals = new Float64Array(n);
-  const sums = new Float64Array(n);
-  const counts = new Float64Array(n / 3);
+function balance({ points, index, ofSector }: LimitMesh, { sharp, sharpness }: Topology): void {
+  const sums = new Float64Array(7 * ofSector.length); // of normals, neighbours, and corners
   for (let t = 0; t < index.length; t += 3) {
-    const a = index[t]!;
-    const b = index[t + 1]!;
-    const c = index[t + 2]!;
-    setProduct(points, a, b, c);
+    const a = 3 * ofSector[index[t]!]!;
+    const b = 3 * ofSector[index[t + 1]!]!;
+    const c = 3 * ofSector[index[t + 2]!]!;
+    arm(u, points, a, b);
+    arm(v, points, a, c);
+    cross();
     for (let i = t; i < t + 3; i++) {
-      const v = index[i]!;
-      counts[v]! += 3;
+      const s = 7 * index[i]!;
       for (let k = 0; k < 3; k++) {
-        normals[3 * v + k]! += product[k]!;
-        sums[3 * v + k]! += points[3 * a + k]! + points[3 * b + k]! + points[3 * c + k]!;
+        sums[s + k]! += w[k]!;
+        sums[s + 3 + k]! += points[a + k]! + points[b + k]! + points[c + k]!;
       }
+      sums[s + 6]! += 3;
     }
   }
-  // What is further lies on a sharp edge.
-  for (let v = 0; v < n / 3 - further.length; v++) {
-    let height = 0;
-    let square = 0;
-    for (let i = 3 * v; i < 3 * v + 3; i++) {
-      height += (points[i]! * counts[v]! - sums[i]!) * normals[i]!;
-      square += normals[i]! ** 2;
+  for (let sector = 0, s = 0; sector < ofSector.length; sector++, s += 7) {
+    const i = 3 * ofSector[sector]!;
+    for (let k = 0; k < 3; k++) {
+      u[k] = points[i + k]! * sums[s + 6]! - sums[s + 3 + k]!;
+      v[k] = sums[s + k]!;
     }
+    const square = dot(v, v);
     // Of the corners around, a third are the vertex itself: hence 3 / 2.
-    if (square && isSmooth(v)) for (let i = 3 * v; i < 3 * v + 3; i++) points[i]! += ((3 / 8) * height * normals[i]!) / (counts[v]! * square);
+    if (!square || (sharpness[i / 3] ?? sharp[i / 3 - sharpness.length])) continue;
+    for (let k = 0; k < 3; k++) points[i + k]! += ((3 / 8) * dot(u, v) * v[k]!) / (sums[s + 6]! * square);
   }
 }

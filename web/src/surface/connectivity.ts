@@ -1,4 +1,5 @@
 /** The faces of a control mesh: spec/cndhf.md, section 4.3, whose names these are. */
+import { inRange } from "../container.js";
 import { LimitError, PayloadError } from "../errors.js";
 import { UnsignedModel } from "./models.js";
 import { Queue } from "./queue.js";
@@ -17,37 +18,29 @@ const OTHER_CLOSES = [1, 1, 2, 6, 18, 30, 35, 37, 37, 32];
 /** Vertex numbers of all faces, three per face, each with its least number first. `sectionSize` limits their number. */
 export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): Int32Array {
   const oriented = coder.bit(new Context());
-  const walked = grown(coder, !!oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
-  if (!oriented) turn(coder, walked);
+  const walked = grown(coder, !oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
+  const turns = contexts(2);
+  let turned = 0;
   const numbers: number[] = []; // of vertices, in order of their first appearance
   let count = 0;
   const faces = new Int32Array(walked.length);
   for (let f = 0; f < faces.length; f += 3) {
-    for (let h = f; h < f + 3; h++) faces[h] = numbers[walked[h]!] ??= count++;
-    const a = faces[f]!;
-    const b = faces[f + 1]!;
-    const c = faces[f + 2]!;
-    const turns = b < a && b < c ? 1 : c < a && c < b ? 2 : 0;
-    faces[f + ((3 - turns) % 3)] = a;
-    faces[f + ((4 - turns) % 3)] = b;
-    faces[f + ((5 - turns) % 3)] = c;
+    if (!oriented) turned = coder.bit(turns[turned]!);
+    let a = (numbers[walked[f]!] ??= count++);
+    let b = (numbers[walked[f + 1 + turned]!] ??= count++);
+    let c = (numbers[walked[f + 2 - turned]!] ??= count++);
+    while (a > b || a > c) [a, b, c] = [b, c, a];
+    faces[f] = a;
+    faces[f + 1] = b;
+    faces[f + 2] = c;
   }
   return faces;
 }
 
-/** Turn round the faces that say so. */
-function turn(coder: RangeDecoder, faces: number[]): void {
-  const marks = contexts(2);
-  let last = 0;
-  for (let f = 0; f < faces.length; f += 3) {
-    last = coder.bit(marks[last]!);
-    if (last) [faces[f + 1], faces[f + 2]] = [faces[f + 2]!, faces[f + 1]!];
-  }
-}
-
 /** Grow all components; their faces, without those of caps. */
-function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number[] {
+function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number[] {
   const out: number[] = [];
+  let nFaces = 0; // those of caps included
   // Of nodes.
   const prev: number[] = [];
   const next: number[] = [];
@@ -59,35 +52,30 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
   const capped: boolean[] = [];
 
   const queues = Array.from({ length: LEVELS }, () => new Queue());
-  const another = new Context(); // G
-  const pivotCloses = [0, 1, 2].map(() => PIVOT_CLOSES.map(closing)); // A
-  const otherCloses = OTHER_CLOSES.map(closing); // O
-  const joins = closing(2); // J
-  const far = closing(5); // F
-  const caps = new Context(); // K
-  const sides = new Context(); // H
-  const twists = new Context(); // T
-  const stepCounts = new UnsignedModel(); // W
+  const pivotCloses = [0, 1, 2].map(() => PIVOT_CLOSES.map(closing));
+  const otherCloses = OTHER_CLOSES.map(closing);
+  const joins = closing(2);
+  const far = closing(5);
+  const [another, caps, sides, twists] = contexts(4) as [Context, Context, Context, Context];
+  const stepCounts = new UnsignedModel();
 
-  const hasCaps = !!coder.bit(new Context());
+  const hasCaps = coder.bit(new Context());
   while (coder.bit(another)) {
-    const [a, b, c] = [addVertex(false), addVertex(false), addVertex(false)] as const;
-    addFace(a, b, c);
+    const a = addVertex();
+    const b = addVertex();
+    const c = addVertex();
+    addFace(a, b, c, true);
     // The border runs the other way round than the face, as the next faces do.
     const n = vertex.length;
-    addNode(a, n + 2, n + 1);
-    addNode(c, n, n + 2);
-    addNode(b, n + 1, n);
+    addNode(a, n + 2, n + 1, true);
+    addNode(c, n, n + 2, true);
+    addNode(b, n + 1, n, true);
     for (let k = 0; k < 3; k++) push(n + k);
     for (let pivot = pop(); pivot >= 0; pivot = pop()) {
       while (!dropped[pivot]) grow(pivot);
     }
   }
-  if (!hasCaps) return out;
-  return out.filter((_, i) => {
-    const f = i - (i % 3);
-    return !(isCap[out[f]!] || isCap[out[f + 1]!] || isCap[out[f + 2]!]);
-  });
+  return out;
 
   function grow(P: number): void {
     const ahead = degree[vertex[next[P]!]!]! >= degree[vertex[prev[P]!]!]!;
@@ -98,18 +86,18 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
     const q = vertex[Q]!;
     const kind = isCap[p] ? 2 : capped[p] ? 1 : 0;
     if (coder.bit(pivotCloses[kind]![Math.min(degree[p]!, DEGREES - 1)]!)) {
-      addAhead(p, q, vertex[R]!, ahead);
+      addFace(p, q, vertex[R]!, ahead);
       close(P, R, Q);
     } else if (S !== R && coder.bit(otherCloses[Math.min(degree[q]!, DEGREES - 1)]!)) {
-      addAhead(p, q, vertex[S]!, ahead);
+      addFace(p, q, vertex[S]!, ahead);
       close(Q, S, P);
     } else if (coder.bit(joins)) {
       join(P, Q, R, S, ahead);
     } else {
-      const mayBeCap = hasCaps && !(capped[p] || capped[q] || isCap[p] || isCap[q]);
-      const y = addVertex(mayBeCap && !!coder.bit(caps));
-      addAhead(p, q, y, ahead);
-      const Y = ahead ? addNode(y, P, Q) : addNode(y, Q, P);
+      const y = addVertex();
+      if (hasCaps && !(capped[p] || capped[q] || isCap[p] || isCap[q])) isCap[y] = !!coder.bit(caps);
+      addFace(p, q, y, ahead);
+      const Y = addNode(y, P, Q, ahead);
       link(P, Q, Y);
       link(Q, P, Y);
       push(Y);
@@ -131,30 +119,24 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
     let Y: number;
     if (coder.bit(far)) {
       Y = coder.raw(32 - Math.clz32(vertex.length - 1));
-      if (Y >= vertex.length || dropped[Y]) {
-        throw new PayloadError("a join of the control mesh names a node that is not on the border");
-      }
       X = ahead ? prev[Y]! : next[Y]!;
     } else {
       const side = coder.bit(sides);
-      const steps = stepCounts.decode(coder);
-      if (steps > MAX_STEPS) {
-        throw new PayloadError(
-          `a join of the control mesh is ${steps} nodes away; ${MAX_STEPS} are allowed`,
-        );
-      }
+      const steps = stepCounts.read(coder);
+      inRange("the steps of a join of the control mesh", steps, 0, MAX_STEPS, PayloadError);
       let before = side ? P : Q;
       Y = side ? R : S;
       for (let k = 0; k <= steps; k++) [before, Y] = [Y, other(Y, before)];
       X = side ? other(Y, before) : before;
     }
     const y = vertex[Y]!;
-    if (Y === P || Y === Q || Y === R || Y === S || y === vertex[P] || y === vertex[Q]) {
-      throw new PayloadError("a join of the control mesh names a node of the gate");
+    // Of a number that no node has, `dropped` is undefined.
+    if (dropped[Y] !== false || [P, Q, R, S].includes(Y) || y === vertex[P] || y === vertex[Q]) {
+      throw new PayloadError("a join of the control mesh names a node that it cannot join");
     }
-    if (!oriented && coder.bit(twists)) X = other(Y, X);
-    addAhead(vertex[P]!, vertex[Q]!, y, ahead);
-    const Z = ahead ? addNode(y, X, Q) : addNode(y, Q, X);
+    if (mayTwist && coder.bit(twists)) X = other(Y, X);
+    addFace(vertex[P]!, vertex[Q]!, y, ahead);
+    const Z = addNode(y, X, Q, ahead);
     link(X, Y, Z);
     link(Y, X, P);
     link(P, Q, Y);
@@ -192,36 +174,31 @@ function grown(coder: RangeDecoder, oriented: boolean, maxFaces: number): number
     else prev[N] = L;
   }
 
-  function addNode(v: number, before: number, after: number): number {
+  /** Add a node of vertex v between two others, which change places unless `ahead`. */
+  function addNode(v: number, before: number, after: number, ahead: boolean): number {
     dropped.push(false);
-    prev.push(before);
-    next.push(after);
+    prev.push(ahead ? before : after);
+    next.push(ahead ? after : before);
     return vertex.push(v) - 1;
   }
 
-  function addVertex(cap: boolean): number {
+  function addVertex(): number {
     if (degree.length === MAX_VERTICES) {
       throw new LimitError(`the control mesh has more than ${MAX_VERTICES} vertices`);
     }
-    isCap.push(cap);
+    isCap.push(false);
     capped.push(false);
     return degree.push(0) - 1;
   }
 
-  function addAhead(p: number, q: number, y: number, ahead: boolean): void {
-    if (ahead) addFace(p, q, y);
-    else addFace(q, p, y);
-  }
-
-  function addFace(a: number, b: number, c: number): void {
-    if (out.length === 3 * maxFaces) {
-      throw new LimitError(`the control mesh has more than ${maxFaces} faces`);
-    }
-    out.push(a, b, c);
+  /** Add a face, whose first two vertices change places unless `ahead`. */
+  function addFace(a: number, b: number, c: number, ahead: boolean): void {
+    if (nFaces++ === maxFaces) throw new LimitError(`the control mesh has more than ${maxFaces} faces`);
     degree[a]!++;
     degree[b]!++;
     degree[c]!++;
-    if (hasCaps && (isCap[a] || isCap[b] || isCap[c])) capped[a] = capped[b] = capped[c] = true;
+    if (isCap[a] || isCap[b] || isCap[c]) capped[a] = capped[b] = capped[c] = true;
+    else out.push(ahead ? a : b, ahead ? b : a, c);
   }
 
   function level(N: number): number {

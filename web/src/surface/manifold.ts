@@ -16,59 +16,52 @@ export interface Edges {
 export const nextHalf = (h: number): number => (h % 3 === 2 ? h - 2 : h + 1);
 export const previousHalf = (h: number): number => (h % 3 ? h - 1 : h + 2);
 
+/** The edge at vertex v after that of half-edge h: the half-edges of both are in the face across h. -1 at a boundary. */
+export function around(v: number, h: number, faces: Int32Array, opposite: Int32Array): number {
+  const o = opposite[h]!;
+  return o < 0 ? o : faces[o] === v ? previousHalf(o) : nextHalf(o);
+}
+
 /** The edges of faces. Throws PayloadError where they are not a two-manifold, with boundary or without. */
 export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
   const list = (size: number): Int32Array => new Int32Array(size).fill(-1);
-  const ofHalf = new Int32Array(n);
-  const opposite = list(n);
   const first = list(nVertices);
   const after = list(n);
-  // Lists of half-edges by the greater end of their edge; then, made of them from the last on, by the smaller one. So
-  // each of these is in the order of the greater ends.
-  const byHigh = list(nVertices);
-  const afterHigh = list(n);
-  const byLow = list(nVertices);
-  const afterLow = list(n);
+  // Half-edges in order of their edges. So many numbers fit into a double: a file's vertices make 2^33 pairs at most.
+  const order = new Float64Array(n);
   for (let h = n - 1; h >= 0; h--) {
     const a = faces[h]!;
     const b = faces[nextHalf(h)]!;
     if (a === b) fail(`face ${Math.floor(h / 3)} has a vertex twice`);
     after[h] = first[a]!;
     first[a] = h;
-    const high = a > b ? a : b;
-    afterHigh[h] = byHigh[high]!;
-    byHigh[high] = h;
+    const low = Math.min(a, b);
+    const pair = (low * (2 * nVertices - low - 1)) / 2 + Math.max(a, b);
+    order[h] = pair * n + h;
   }
-  for (let v = nVertices - 1; v >= 0; v--) {
-    for (let h = byHigh[v]!; h >= 0; h = afterHigh[h]!) {
-      const low = faces[h] === v ? faces[nextHalf(h)]! : faces[h]!;
-      afterLow[h] = byLow[low]!;
-      byLow[low] = h;
+  order.sort();
+  const ofHalf = new Int32Array(n);
+  const opposite = list(n);
+  const ends: number[] = [];
+  let before = -1;
+  let last = -1;
+  for (let i = 0; i < n; i++) {
+    const h = order[i]! % n;
+    const pair = (order[i]! - h) / n;
+    const a = faces[h]!;
+    const b = faces[nextHalf(h)]!;
+    if (pair !== last) ends.push(Math.min(a, b), Math.max(a, b));
+    else if (opposite[before]! >= 0) fail(`the edge of vertices ${a},${b} has more than two faces`);
+    else {
+      opposite[h] = before;
+      opposite[before] = h;
     }
+    ofHalf[h] = ends.length / 2 - 1;
+    before = h;
+    last = pair;
   }
-  const ends = new Int32Array(2 * n);
-  let count = 0;
-  for (let v = 0; v < nVertices; v++) {
-    let before = -1;
-    let last = -1;
-    for (let h = byLow[v]!; h >= 0; h = afterLow[h]!) {
-      const w = faces[h] === v ? faces[nextHalf(h)]! : faces[h]!;
-      if (w !== last) {
-        ends[2 * count] = v;
-        ends[2 * count++ + 1] = w;
-      } else if (opposite[before]! >= 0) {
-        fail(`the edge of vertices ${v},${w} has more than two faces`);
-      } else {
-        opposite[h] = before;
-        opposite[before] = h;
-      }
-      ofHalf[h] = count - 1;
-      before = h;
-      last = w;
-    }
-  }
-  const edges = { ends: ends.slice(0, 2 * count), ofHalf, opposite, first, after };
+  const edges = { ends: Int32Array.from(ends), ofHalf, opposite, first, after };
   checkFans(faces, edges);
   return edges;
 }
@@ -86,16 +79,9 @@ function checkFans(faces: Int32Array, { opposite, first, after }: Edges): void {
     // The faces on the way round v from the first one: ahead to where it comes back or to a boundary, then back.
     let rest = 0;
     for (let h = after[start]!; h >= 0; h = after[h]!) rest++;
-    let h = start;
-    for (let o = opposite[h]!; o >= 0; o = opposite[h]!) {
-      h = faces[o] === v ? previousHalf(o) : nextHalf(o);
-      if (h === start) break;
-      rest--;
-    }
-    if (opposite[h]! < 0) {
-      h = previousHalf(start);
-      for (let o = opposite[h]!; o >= 0; o = opposite[h]!, rest--) h = faces[o] === v ? previousHalf(o) : nextHalf(o);
-    }
+    let h = around(v, start, faces, opposite);
+    for (; h >= 0 && h !== start; h = around(v, h, faces, opposite)) rest--;
+    if (h < 0) for (h = previousHalf(start); (h = around(v, h, faces, opposite)) >= 0; ) rest--;
     if (rest) fail(`the faces at vertex ${v} are more than one fan`);
   }
 }

@@ -1,5 +1,5 @@
 /** Which edges are sharp: spec/cndhf.md, section 4.4. */
-import { type Edges, nextHalf, previousHalf } from "./manifold.js";
+import { around, type Edges, nextHalf } from "./manifold.js";
 import { Queue } from "./queue.js";
 import { type RangeDecoder, Context, contexts } from "./rangeCoder.js";
 
@@ -44,8 +44,7 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
       const edge = ofHalf[h]!;
       if (sharp[edge]) at = n;
       spokes[n++] = edge;
-      const o = opposite[h]!;
-      h = faces[o] === v ? previousHalf(o) : nextHalf(o);
+      h = around(v, h, faces, opposite);
     } while (h !== first[v]!);
     for (let k = n >> 1; k; k--) {
       const a = spokes[(at + k) % n]!;

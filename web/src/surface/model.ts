@@ -1,17 +1,18 @@
 /** The representation `surface`: the limit of a subdivided control mesh. */
+import { inRange } from "../container.js";
 import { type Header, Shape, type Points, whole } from "../model.js";
 import { SheetError, SurfaceError } from "../errors.js";
-import { type Mesh, placed } from "../mesh.js";
+import { type Mesh, placed as toInput } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { rotationMatrix } from "../rotation.js";
-import { adaptiveMesh, withoutUnused } from "./adaptive.js";
-import { type LimitMesh, limitMesh } from "./limit.js";
+import { type LimitMesh, limitMesh } from "./adaptive.js";
 import type { ControlMesh } from "./section.js";
-import { divide, nextVertices, type Topology } from "./subdivision.js";
+import type { Topology } from "./subdivision.js";
 import { windingNumber } from "./winding.js";
 
 const MAX_LEVEL = 6;
 const MAX_FACES = 2 ** 23; // of a mesh: half a gigabyte of arrays
+const MOST_ADAPTED = 2 ** 19; // faces of the finest level of the mesh by default
 const UNKNOWN_ERROR = 2e-4; // of the diagonal: in place of the mean error where the file says nothing of it
 const MOST_TOLERANCE = 0.01; // of the diagonal, whatever the file says
 
@@ -44,7 +45,7 @@ export class SurfaceModel extends Shape {
   /** Whether neighbouring faces agree in orientation. */
   get oriented(): boolean {
     const { faces, edges } = this.control;
-    return edges.opposite.every((o, h) => o < 0 || faces[o] !== faces[h]);
+    return edges.opposite.every((o, h) => faces[o] !== faces[h]);
   }
 
   /**
@@ -52,8 +53,12 @@ export class SurfaceModel extends Shape {
    * OptionError or SurfaceError.
    */
   async toMesh({ level }: SurfaceMeshOptions = {}): Promise<Mesh> {
-    const { points, normals, index } = level === undefined ? withoutUnused(this.adaptive()) : this.limit(level);
-    return { ...placed(points, this.centre, this.scale), normals, index };
+    const { points, normals, index, ofSector } = level === undefined ? this.adaptive() : this.limit(level);
+    const placed = new Float64Array(normals.length);
+    for (let s = 0; s < ofSector.length; s++) {
+      for (let k = 0; k < 3; k++) placed[3 * s + k] = points[3 * ofSector[s]! + k]!;
+    }
+    return { ...toInput(placed, this.centre, this.scale), normals, index };
   }
 
   /** Throws SheetError where there is no inside. Answered from the mesh that `toMesh` makes by default. */
@@ -62,9 +67,8 @@ export class SurfaceModel extends Shape {
       throw new SheetError("the file holds a sheet, which has no inside");
     }
     if (!this.winding) {
-      const { points, index, further } = this.adaptive();
-      const n = points.length / 3 - further.length;
-      this.winding = windingNumber(points, index.map((sector) => further[sector - n] ?? sector));
+      const { points, index, ofSector } = this.adaptive();
+      this.winding = windingNumber(points, index.map((sector) => ofSector[sector]!));
     }
     const p = this.normalised(points);
     return new Uint8Array(p.length / 3).map((_, i) =>
@@ -75,28 +79,18 @@ export class SurfaceModel extends Shape {
   /** The mesh by default, in the normalised frame. */
   private adaptive(): LimitMesh {
     const { meanError, p99Error } = this.metadata;
-    return adaptiveMesh(
-      this.topology(),
-      this.controlVertices(),
-      (diagonal) => (meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal),
-      this.oriented,
-    );
+    const tolerance = (diagonal: number): number =>
+      meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal;
+    const maxLevel = Math.min(MAX_LEVEL, Math.floor(Math.log2(MOST_ADAPTED / (this.control.faces.length / 3)) / 2));
+    return limitMesh(this.topology(), this.controlVertices(), tolerance, maxLevel, this.oriented);
   }
 
   /** The limit surface after `number` steps of subdivision, in the normalised frame. */
-  private limit(number: number): LimitMesh {
-    whole("level", number, 0, MAX_LEVEL);
-    const nFaces = (this.control.faces.length / 3) * 4 ** number;
-    if (nFaces > MAX_FACES) {
-      throw new SurfaceError(`level ${number} has ${nFaces} triangles; ${MAX_FACES} are allowed`);
-    }
-    let mesh = this.topology();
-    let vertices = this.controlVertices();
-    for (let k = 0; k < number; k++) {
-      if (k) mesh = divide(mesh);
-      vertices = nextVertices(mesh, vertices);
-    }
-    return limitMesh(mesh, vertices, number > 0);
+  private limit(level: number): LimitMesh {
+    whole("level", level, 0, MAX_LEVEL);
+    const n = (this.control.faces.length / 3) * 4 ** level;
+    inRange(`the number of triangles of level ${level}`, n, 1, MAX_FACES, SurfaceError);
+    return limitMesh(this.topology(), this.controlVertices(), () => -1, level, false);
   }
 
   private topology(): Topology {

@@ -7,7 +7,7 @@ export class UnsignedModel {
   private readonly digits = contexts(MAX_DIGITS);
   private readonly below = contexts(4 * MAX_DIGITS);
 
-  decode(coder: RangeDecoder): number {
+  read(coder: RangeDecoder): number {
     let digits = 1;
     while (digits < MAX_DIGITS && coder.bit(this.digits[digits]!)) digits++;
     const learnt = Math.min(digits - 1, 2);
@@ -23,10 +23,10 @@ export class SignedModel {
   private readonly negative = new Context();
   private readonly magnitude = new UnsignedModel();
 
-  decode(coder: RangeDecoder): number {
+  read(coder: RangeDecoder): number {
     if (!coder.bit(this.nonzero)) return 0;
     const negative = coder.bit(this.negative);
-    const value = 1 + this.magnitude.decode(coder);
+    const value = 1 + this.magnitude.read(coder);
     return negative ? -value : value;
   }
 }

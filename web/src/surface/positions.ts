@@ -29,26 +29,20 @@ export function decodePositions(
   const place = (v: number): void => {
     const m = foretelling[v]!;
     const from = near[v]! < 0 ? last : near[v]!;
-    let guessX = 8 * m;
-    let guessY = guessX;
-    let guessZ = guessX;
-    // The faces that foretell v lie across the edges opposite to it.
-    for (let corner = m ? first[v]! : -1; corner >= 0; corner = after[corner]!) {
-      const h = opposite[nextHalf(corner)]!;
-      if (h < 0 || missing[(h / 3) | 0]) continue;
-      const a = 3 * faces[h]!;
-      const b = 3 * faces[nextHalf(h)]!;
-      const c = 3 * faces[previousHalf(h)]!;
-      guessX += (8 + eighths) * (at[a]! + at[b]!) - 2 * eighths * at[c]!;
-      guessY += (8 + eighths) * (at[a + 1]! + at[b + 1]!) - 2 * eighths * at[c + 1]!;
-      guessZ += (8 + eighths) * (at[a + 2]! + at[b + 2]!) - 2 * eighths * at[c + 2]!;
-    }
-    if (m) {
-      put(3 * v, Math.floor(guessX / (16 * m)) + told.decode(coder));
-      put(3 * v + 1, Math.floor(guessY / (16 * m)) + told.decode(coder));
-      put(3 * v + 2, Math.floor(guessZ / (16 * m)) + told.decode(coder));
-    } else {
-      for (let k = 0; k < 3; k++) put(3 * v + k, (from < 0 ? 0 : at[3 * from + k]!) + untold.decode(coder));
+    for (let k = 0; k < 3; k++) {
+      let guess = 8 * m;
+      // The faces that foretell v lie across the edges opposite to it.
+      for (let corner = m ? first[v]! : -1; corner >= 0; corner = after[corner]!) {
+        const h = opposite[nextHalf(corner)]!;
+        if (h < 0 || missing[(h / 3) | 0]) continue;
+        const ends = at[3 * faces[h]! + k]! + at[3 * faces[nextHalf(h)]! + k]!;
+        guess += (8 + eighths) * ends - 2 * eighths * at[3 * faces[previousHalf(h)]! + k]!;
+      }
+      const x = m ? Math.floor(guess / (16 * m)) + told.read(coder) : (at[3 * from + k] ?? 0) + untold.read(coder);
+      if (Math.abs(x) > MAX_POSITION) {
+        throw new PayloadError(`vertex ${v} of the control mesh lies beyond ${MAX_POSITION} grid units`);
+      }
+      at[3 * v + k] = x;
     }
     placed[v] = 1;
     last = v;
@@ -70,13 +64,6 @@ export function decodePositions(
         }
       }
     }
-  };
-
-  const put = (i: number, x: number): void => {
-    if (x > MAX_POSITION || x < -MAX_POSITION) {
-      throw new PayloadError(`vertex ${(i / 3) | 0} of the control mesh lies beyond ${MAX_POSITION} grid units`);
-    }
-    at[i] = x;
   };
 
   const next = (): number => {

@@ -23,7 +23,7 @@ export class RangeDecoder {
   private range = 0;
   private code = 0;
   private at = 0;
-  private readonly bytes: Uint8Array;
+  private declare readonly bytes: Uint8Array;
 
   constructor(bytes: Uint8Array) {
     this.bytes = new Uint8Array(bytes.length + LOOKAHEAD);
@@ -34,37 +34,28 @@ export class RangeDecoder {
 
   bit(context: Context): number {
     const { zero, count } = context;
-    const bound = Math.imul(this.range >>> 16, zero);
-    let bit = 0;
-    if ((this.code ^ SIGN) < (bound ^ SIGN)) {
-      this.range = bound;
-      context.zero = zero + (((65536 - zero) / (count + 2)) | 0);
-    } else {
-      bit = 1;
-      this.range = (this.range - bound) | 0;
-      this.code = (this.code - bound) | 0;
-      context.zero = zero - ((zero / (count + 2)) | 0);
-    }
+    const bit = this.split(Math.imul(this.range >>> 16, zero));
+    context.zero = zero + ((((bit ? 0 : 65536) - zero) / (count + 2)) | 0);
     if (count < 62) context.count = count + 1;
-    while (this.range >>> 24 === 0) this.widen();
     return bit;
   }
 
   /** `n` bits that are all equally likely, as a number below 2^31. */
   raw(n: number): number {
     let value = 0;
-    while (n--) {
-      const bound = this.range >>> 1;
-      value *= 2;
-      if ((this.code ^ SIGN) < (bound ^ SIGN)) this.range = bound;
-      else {
-        value++;
-        this.range = (this.range - bound) | 0;
-        this.code = (this.code - bound) | 0;
-      }
-      while (this.range >>> 24 === 0) this.widen();
-    }
+    while (n--) value = 2 * value + this.split(this.range >>> 1);
     return value;
+  }
+
+  /** 0 where the code lies below a bound, else 1. */
+  private split(bound: number): number {
+    const bit = (this.code ^ SIGN) < (bound ^ SIGN) ? 0 : 1;
+    if (bit) {
+      this.range = (this.range - bound) | 0;
+      this.code = (this.code - bound) | 0;
+    } else this.range = bound;
+    while (this.range >>> 24 === 0) this.widen();
+    return bit;
   }
 
   /** Check that the bytes end here, as an encoder ends them. */

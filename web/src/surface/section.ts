@@ -1,6 +1,6 @@
 /** The surface section: bytes to a control mesh. See spec/cndhf.md, section 4. */
-import { bfloat16, checkQuaternion, view } from "../container.js";
-import { FieldError, PayloadError, SectionError } from "../errors.js";
+import { bfloat16, checkQuaternion, inRange, view } from "../container.js";
+import { PayloadError, SectionError } from "../errors.js";
 import { decodeConnectivity } from "./connectivity.js";
 import { type Edges, edgesOf } from "./manifold.js";
 import { decodeMarks } from "./marks.js";
@@ -33,11 +33,9 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
   const flags = body[0]!;
   const eighths = flags & 15;
   const step = bfloat16(data, 1);
-  if (flags & 0xe0) throw new FieldError(`surface: field flags is ${flags}; bits 5 to 7 are reserved`);
-  if (eighths > MAX_EIGHTHS) {
-    throw new FieldError(`surface: field eighths is ${eighths}; 0 to ${MAX_EIGHTHS} are allowed`);
-  }
-  if (!(step >= 2 ** -30 && step <= 1)) throw new FieldError(`surface: field step is ${step}; 2^-30 to 1 are allowed`);
+  inRange("surface: field flags", flags, 0, 31);
+  inRange("surface: field eighths", eighths, 0, MAX_EIGHTHS);
+  inRange("surface: field step", step, 2 ** -30, 1);
   let quaternion = [0, 0, 0, 32767];
   let start = HEAD_SIZE;
   if (flags & ROTATED) {

@@ -2,16 +2,13 @@
 
 /** How often a mesh winds round a point (x, y, z), as a function. Three numbers per point, three vertices per face. */
 export function windingNumber(points: Float64Array, faces: Uint32Array): (x: number, y: number, z: number) => number {
-  let low = Infinity;
-  let high = -Infinity;
-  for (let i = 0; i < points.length; i += 3) {
-    low = Math.min(low, points[i]!);
-    high = Math.max(high, points[i]!);
-  }
-  const ends = (f: number): [number, number] => {
-    const x = [0, 1, 2].map((k) => points[3 * faces[f + k]!]!);
-    return [Math.min(...x), Math.max(...x)];
-  };
+  const x = new Float64Array(faces.length).map((_, i) => points[3 * faces[i]!]!);
+  const low = x.reduce((a, b) => Math.min(a, b));
+  const high = x.reduce((a, b) => Math.max(a, b));
+  const ends = (f: number): [number, number] => [
+    Math.min(x[f]!, x[f + 1]!, x[f + 2]!),
+    Math.max(x[f]!, x[f + 1]!, x[f + 2]!),
+  ];
   let extents = 0;
   for (let f = 0; f < faces.length; f += 3) extents += ends(f)[1] - ends(f)[0];
   // So many that a triangle meets four of them on average, or fewer.
@@ -26,9 +23,8 @@ export function windingNumber(points: Float64Array, faces: Uint32Array): (x: num
   /** Twice the area of (x, y) and an edge. Exactly opposite from its other side; a zero counts as beside the edge. */
   const turn = (a: number, b: number, x: number, y: number): number => {
     if (a > b) return -turn(b, a, x, y);
-    const [ax, ay] = [points[3 * a]! - x, points[3 * a + 1]! - y];
-    const [bx, by] = [points[3 * b]! - x, points[3 * b + 1]! - y];
-    return ax * by - ay * bx || Number.MIN_VALUE;
+    const area = (points[3 * a]! - x) * (points[3 * b + 1]! - y) - (points[3 * a + 1]! - y) * (points[3 * b]! - x);
+    return area || Number.MIN_VALUE;
   };
 
   return (x, y, z) => {
