@@ -42,7 +42,7 @@ BITS_PER_VERTEX = 18.0  # of the first try only
 CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
-FILLS = 2  # tries with other numbers of vertices, for a file that is full
+REFILLS = 1  # further tries, for a file that is full
 # Another number of vertices is tried where that is foretold to take this share off the error, so many times.
 LEAST_FORETOLD, BALANCINGS = 0.05, 2
 # The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
@@ -107,7 +107,7 @@ def surface_of_size(
 
     best = tried(wanted * _times(first, len(mesh.vertices), size))
     work(2, 0, 0, best.one, best.sized.error)
-    for k in range(1, FILLS):
+    for _ in range(REFILLS):
         n_bytes, n_faces = len(best.sized.body), len(best.mesh.faces)
         if n_bytes <= size and (n_bytes >= CLOSE * size or n_faces >= len(given.faces) or not pace.more):
             break
@@ -117,7 +117,7 @@ def surface_of_size(
     if len(best.sized.body) > size:
         return best.sized
     powers = FIRST_POWERS
-    for k in range(BALANCINGS):
+    for _ in range(BALANCINGS):
         times = _balanced(best, powers)
         if times == 1 or not pace.more:
             break

@@ -126,7 +126,9 @@ def test_a_polyhedron_has_its_edges_turned():
     fitted = fit_with_creases(mesh, target, LEVELS, 2, 2, True)
     all_sharp = edits._inner(mesh.faces, len(mesh.vertices))
     fitted = fitted._replace(
-        basis=edits.coarsest_basis(mesh.faces, len(mesh.vertices), all_sharp, LEVELS), sharp=all_sharp, control=mesh.vertices
+        basis=edits.coarsest_basis(mesh.faces, len(mesh.vertices), all_sharp, LEVELS),
+        sharp=all_sharp,
+        control=mesh.vertices,
     )
     before = edits.mean_errors(fitted.basis, target, mesh.vertices).sum()
     after = edit(fitted, mesh, target, bits=10**6)
