@@ -11,6 +11,9 @@ On mechanical parts most of the surface is met almost exactly, and the mean is t
 of distances at zero, and with it u, is that of the median, mean / median times as large; but no larger than the
 distances that rounding itself leaves allow. These are r with r^2 / (2 mean) = n u h^2 / 24, and with the h from above
 r / mean is n / (ln(2) bits) for this larger u.
+
+Where the error falls faster than 1 / bits, near the input's own faces, this leaves too many vertices. What rounding
+really adds tells, and then other numbers are tried (`_balanced`).
 """
 
 from __future__ import annotations
@@ -71,6 +74,8 @@ class Sized(NamedTuple):
 
 
 class _Try(NamedTuple):
+    """A fit to a simplified mesh, and what became of it by rounding."""
+
     sized: Sized
     mesh: Manifold
     one: Fitted
