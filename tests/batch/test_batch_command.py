@@ -196,7 +196,8 @@ def test_a_bar_on_a_terminal(tmp_path, monkeypatch):
     assert "cndhf-batch: failed: b.obj: is bad" in shown
     assert "] 2/3, " in shown
     assert "per minute" in shown
-    assert "1 failed: c.obj" in shown
+    assert "1 failed, " in shown
+    assert "per minute: c.obj" in shown
     assert out.startswith("3 files: 2 encoded, 1 failed\n")
 
 
