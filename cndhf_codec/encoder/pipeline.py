@@ -48,7 +48,8 @@ AS_GOOD = 1.05
 WORTH_IT = 0.95  # they are fitted where they promise at most so much of it
 TRIAL_GAIN = 0.55  # error of the whole fit over that of the trial, at the trial's size; it falls as 1 / size
 MOST_TRIED = 4096  # bytes; networks of larger files take minutes for a trial, and lose there
-VERIFY_ERROR = "0.1%"  # most distance of the measured mesh from the limit surface, which few places come near to
+# Of the measured mesh from the limit surface. With 0.1 % horse at 4 KiB seems 13 % worse than it is, with 0.05 % 1 %.
+VERIFY_ERROR = "0.05%"
 LARGEST_SEED = 2**32 - 1
 
 
