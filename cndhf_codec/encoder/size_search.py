@@ -14,6 +14,7 @@ from ..mesh.lengths import Length
 FIRST_SIZE, SMALLEST_SIZE, LARGEST_SIZE = 4096, 600, 24_576  # bytes of the first, smallest and largest file tried
 TRIES = 6
 SLOPE = 0.8  # log error falls so much per log bytes, before anything is known about the mesh
+STEEP = 0.1  # of the limit: where less error is left, it has not fallen as a power, as with flat parts
 CLOSE_ENOUGH = 1.05  # a file at most so many times as large as one that fails is small enough
 
 Result = TypeVar("Result")
@@ -49,10 +50,12 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], asked: st
     attempt: takes a size in bytes and how many attempts may still follow; returns a result, and how many times its
     error is what was asked for (see `ErrorLimits.excess`). asked: for the message. The error falls about as a power of
     the size. The next size is where that power, or the one through the nearest sizes on both sides of the limit, meets
-    the limit. Raises EncodeError when the largest size does not meet it.
+    the limit; or in their middle, where that was wrong twice the same way or is steep: from some size on, flat parts lose
+    nothing. Raises EncodeError when the largest size does not meet it.
     """
     size, best = FIRST_SIZE, None
     fails, meets = (0, math.inf), (0, 0.0)  # largest size that fails, smallest that meets the limit; errors
+    met = None  # whether the last size met the limit
     for k in range(TRIES):
         try:
             result, error = attempt(size, TRIES - 1 - k)
@@ -60,7 +63,8 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], asked: st
             if best is None:
                 raise
             break
-        if error <= 1:
+        before, met = met, error <= 1
+        if met:
             best, meets = result, (size, error)
         elif size > fails[0]:
             fails = (size, error)
@@ -74,6 +78,8 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], asked: st
             size = max(min(_at_limit(size, error, SLOPE, 0.0), round(size / 1.1)), SMALLEST_SIZE)
         elif meets[0] <= CLOSE_ENOUGH * fails[0]:
             break
+        elif met == before or meets[1] < STEEP:
+            size = round(math.sqrt(fails[0] * meets[0]))
         else:
             slope = math.log(fails[1] / max(meets[1], 1e-9)) / math.log(meets[0] / fails[0])
             guess = _at_limit(meets[0], meets[1], max(slope, 0.1), 0.0)

@@ -38,6 +38,16 @@ def test_the_search_finds_a_size_a_little_above_the_smallest(wanted, power, floo
     assert len(set(tried)) == len(tried)
 
 
+@pytest.mark.parametrize("wanted", [900, 2300, 3500])
+def test_a_size_from_which_on_nothing_is_lost(wanted):
+    # As of flat parts: at some size the error falls to almost nothing.
+    def attempt(size, more):
+        return size, 1e-3 if size > 1.02 * wanted else (wanted / size) ** 0.9
+
+    found = smallest_file(attempt, "so much")
+    assert wanted <= found <= 1.3 * wanted
+
+
 def test_the_smallest_file_of_all_is_taken_when_it_will_do():
     assert smallest_file(lambda size, more: (size, 0.0), "so much") == size_search.SMALLEST_SIZE
 
