@@ -50,8 +50,8 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], asked: st
     attempt: takes a size in bytes and how many attempts may still follow; returns a result, and how many times its
     error is what was asked for (see `ErrorLimits.excess`). asked: for the message. The error falls about as a power of
     the size. The next size is where that power, or the one through the nearest sizes on both sides of the limit, meets
-    the limit; or in their middle, where that was wrong twice the same way or is steep: from some size on, flat parts lose
-    nothing. Raises EncodeError when the largest size does not meet it.
+    the limit; or in their middle, where that was wrong twice the same way, or is steep: from some size on, flat parts
+    lose nothing. Raises EncodeError when the largest size does not meet it.
     """
     size, best = FIRST_SIZE, None
     fails, meets = (0, math.inf), (0, 0.0)  # largest size that fails, smallest that meets the limit; errors
