@@ -55,7 +55,7 @@ def smallest_file(attempt: Callable[[int, int], tuple[Result, float]], asked: st
     """
     size, best = FIRST_SIZE, None
     fails, meets = (0, math.inf), (0, 0.0)  # largest size that fails, smallest that meets the limit; errors
-    met = None  # whether the last size met the limit
+    met: bool | None = None  # whether the last size met the limit
     for k in range(TRIES):
         try:
             result, error = attempt(size, TRIES - 1 - k)

@@ -32,6 +32,19 @@ def test_a_clock_stands_while_code_is_compiled(monkeypatch):
     assert deadline.before(5).left() == pytest.approx(15)
 
 
+def test_an_end_without_a_beginning_is_none():
+    # Another encode of the process began to compile before this one listened.
+    changes: list[bool] = []
+    one = Compiling(changes.append)
+    one.end()
+    assert changes == []
+    assert one.seconds == 0
+    one.start()
+    one.end()
+    assert changes == [True, False]
+    assert one.seconds < 1
+
+
 def test_what_numba_compiles_is_told():
     changes: list[bool] = []
     one = Compiling(changes.append)

@@ -60,9 +60,11 @@ class Basis:
 
 
 def coarsest_basis(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
-    """As `basis_of`, for the least work: a polyhedron, all of whose edges are sharp, is its own tessellation."""
-    whole = bool(topology_of(faces, n_vertices, sharp).sharp.all())
-    return basis_of(faces, n_vertices, sharp, 0 if whole else levels)
+    """As `basis_of`, for the least work: a polyhedron, all of whose edges are sharp, is its own tessellation. Where a
+    vertex has two of them alone, as at corners of sheets, a curve goes through it."""
+    topology = topology_of(faces, n_vertices, sharp)
+    is_flat = topology.sharp.all() and not np.any(np.bincount(topology.edges.ravel(), minlength=n_vertices) == 2)
+    return basis_of(faces, n_vertices, sharp, 0 if is_flat else levels)
 
 
 def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:

@@ -1,7 +1,8 @@
 """Choose the edges that are sharp, by what they do to the error.
 
-Three fits are made: with no sharp edge, with those of a large angle between their faces, with all (a polyhedron). Each
-edge is then as it is in the fit that leaves least error around it. Where that mixture pays for its marks, it is taken.
+Up to three fits are made: with no sharp edge, with those of a large angle between their faces, with all (a polyhedron).
+Each edge is then sharp where the fit in which it is leaves less error around it, by more than a mark is worth. Where
+that mixture pays for its marks, it is taken.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ from .target import Target
 # Evidence for these constants: ADR 036.
 # Edges of a larger angle may be sharp: Hoppe et al. (1994) and modelling programs take 30 degrees or so.
 LEAST_ANGLE = np.radians(30)
-# On smooth shapes angled edges sharp leave a third more error than none, and what a mixture gains its marks cost.
+# On smooth shapes angled edges sharp leave a third more error than none, and what a mixture gains its marks cost. All
+# sharp, too, are not tried where a polyhedron was so much worse (`Simple.faceted`).
 HOPELESS = 1.15
 BITS_PER_VERTEX = 19.0  # of everything but marks, for what these are worth
 # Bits that an edge must gain by being sharp: its own, and more, for the errors around it are those of samples, and fall
 # by what the marks of its neighbours do.
 MARK_BITS = 15.0
+LEAST_ERROR = 1e-7  # less is as good as none: a thousandth of the finest step
 
 
 class Fitted(NamedTuple):
@@ -78,13 +81,15 @@ def fit_with_creases(
         np.add.at(at, mesh.faces, errors[:, None])
         around.append(at[topology.edges].sum(axis=1))
     choices = choices[: len(around)]
-    bit = min(one.error for one in tries) / (BITS_PER_VERTEX * len(mesh.vertices))
+    bit = min(_known(one) for one in tries) / (BITS_PER_VERTEX * len(mesh.vertices))
     best = np.argmin(np.array(around) + MARK_BITS * bit * np.array(choices), axis=0)
     mixed = np.choose(best, choices)
     if mixed.any() and not any(np.array_equal(mixed, marked) for marked in choices):
         tries.append(_fit(mesh, topology.edges, mixed, target, levels, trial_rounds)[0])
     # The error falls about as 1 / bits, so that their product tells which is worth its marks.
-    best_try = min(tries, key=lambda t: t.error * (1 + _mark_bits(mesh, t.sharp) / (BITS_PER_VERTEX * len(t.control))))
+    best_try = min(
+        tries, key=lambda t: _known(t) * (1 + _mark_bits(mesh, t.sharp) / (BITS_PER_VERTEX * len(t.control)))
+    )
     control = fit(best_try.basis, target, best_try.control, rounds)
     errors = mean_errors(best_try.basis, target, control)
     return best_try._replace(control=control, error=float(errors.sum()))
@@ -96,6 +101,11 @@ def _fit(mesh: Manifold, edges: I64, marked: Mask, target: Target, levels: int, 
     control = fit(basis, target, mesh.vertices, rounds)
     errors = mean_errors(basis, target, control)
     return Fitted(basis, edges[marked], control, float(errors.sum())), errors
+
+
+def _known(one: Fitted) -> float:
+    """The error, as far as it is more than noise: of parts that are met exactly, marks decide."""
+    return max(one.error, LEAST_ERROR)
 
 
 def _mark_bits(mesh: Manifold, sharp: I64) -> int:

@@ -33,7 +33,8 @@ def encode_surface(
         raise EncodeError(f"{settings.target_size} bytes hold no surface; use a larger size")
     stage("simplify", 1)
     # With few samples per vertex the surface is fitted to them, and not to what lies between.
-    n_samples = max(settings.samples, round(settings.samples_per_vertex * 8 * size / BITS_PER_VERTEX))
+    most_vertices = min(8 * size / BITS_PER_VERTEX, len(vertices))
+    n_samples = max(settings.samples, round(settings.samples_per_vertex * most_vertices))
     target = Target(vertices, faces, n_samples, seed)
     sized = surface_of_size(cut(vertices, faces), target, size, settings, stage, deadline)
     if len(sized.body) > size:

@@ -7,7 +7,7 @@ free move to where the form is least, given what is fixed. So an error across th
 neighbours, and only what none of them can mend remains: at a given error the grid may be 2 to 4 times as coarse.
 
 When all are rounded, single coordinates still move by steps of the grid where that lowers the form, set up anew at the
-rounded surface (`polished`). It takes a third off what rounding costs.
+rounded surface (`polished`). It takes a fifth to a third off what rounding costs.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ class SurfaceSettings:
     rounds: int = 8  # more, for the best of them
     samples: int = 40_000  # at least, of the input's surface, and of the fitted one
     samples_per_vertex: int = 40  # of the control mesh, at least
-    # Further tries with so many times the faces of the first that fills the file; the best of all is kept.
+    # Further tries with so many times the faces of the best until then; the best of all is kept.
     other_counts: tuple[float, ...] = (0.94, 1.06)
     edits: int = 4  # cycles of edits of the best of them
 

@@ -45,7 +45,7 @@ BITS_PER_VERTEX = 18.0  # of the first try only
 CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
-REFILLS = 1  # further tries, for a file that is full
+REFILLS = 1  # further tries, where the first file is too large, or not full
 # Another number of vertices is tried where that is foretold to take this share off the error, so many times.
 LEAST_FORETOLD, BALANCINGS = 0.05, 2
 # The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
@@ -53,9 +53,9 @@ LEAST_FORETOLD, BALANCINGS = 0.05, 2
 FIRST_POWERS, POWERS = (1.0, 1.5), (1.0, 5.0)
 ROUNDS_LEAVE = 0.9  # of the error that a few rounds leave
 # Other steps, for one number of vertices: flat surfaces save less than a bit per coordinate and halving.
-STEP_TRIES = 8
+STEP_TRIES = 12
 POLISHED = 0.8  # what polishing leaves of the error of rounding, and so of u
-FINEST = 2.0**-17  # step: less than a thousandth of a percent of the diagonal
+FINEST, COARSEST = 2.0**-17, 0.1  # steps: the finest is less than a thousandth of a percent of the diagonal
 MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
@@ -100,33 +100,41 @@ def surface_of_size(
             "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
         )
 
-    def tried(n_faces: float) -> _Try:
+    counts: set[int] = set()  # of faces, that were tried
+
+    def count(n_faces: float) -> int:
+        return min(max(round(n_faces), LEAST_FACES), len(given.faces))
+
+    def tried(n_faces: int) -> _Try:
+        counts.add(n_faces)
         # Further rounds are for what is left after a try without them.
         spare = max(deadline.left() - LEAST_TRY * first_time, 0.0)
         rounds = int(min(settings.rounds, spare / (ROUND_SHARE * first_time)))
-        mesh = simplify.to(min(max(round(n_faces), LEAST_FACES), len(given.faces)))
-        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, simple.faceted)
+        mesh = simplify.to(n_faces)
+        faceted = simple.faceted or n_faces == len(given.faces)
+        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
         made = _Try(_rounded(one, mesh, target, size), mesh, one)
         pace.done()
         return made
 
-    best = tried(wanted * _times(first, len(mesh.vertices), size))
+    best = tried(count(wanted * _times(first, len(mesh.vertices), size)))
     work(2, 0, 0, best.one, best.sized.error)
     for _ in range(REFILLS):
-        n_bytes, n_faces = len(best.sized.body), len(best.mesh.faces)
-        if n_bytes <= size and (n_bytes >= CLOSE * size or n_faces >= len(given.faces) or not pace.more):
+        n_bytes = len(best.sized.body)
+        n_faces = count(len(best.mesh.faces) * size / n_bytes)
+        if n_faces in counts or (n_bytes <= size and (n_bytes >= CLOSE * size or not pace.more)):
             break
-        made = tried(n_faces * size / n_bytes)
+        made = tried(n_faces)
         work(3, 0, 0, made.one, made.sized.error)
-        best = min(best, made, key=lambda one: (len(one.sized.body) > size, one.sized.error))
+        best = min(best, made, key=lambda one: (max(len(one.sized.body), size), one.sized.error))
     if len(best.sized.body) > size:
         return best.sized
     powers = FIRST_POWERS
     for _ in range(BALANCINGS):
-        times = _balanced(best, powers)
-        if times == 1 or not pace.more:
+        n_faces = count(_balanced(best, powers) * len(best.mesh.faces))
+        if n_faces in counts or not pace.more:
             break
-        made = tried(times * len(best.mesh.faces))
+        made = tried(n_faces)
         work(3, 0, 0, made.one, made.sized.error)
         powers = _power(best.one, made.one)
         best = _better(best, made, size)
@@ -135,7 +143,9 @@ def surface_of_size(
     for k, factor in enumerate(settings.other_counts):
         if not pace.more:
             break
-        best = _better(best, tried(factor * around), size)
+        n_faces = count(factor * around)
+        if n_faces not in counts:
+            best = _better(best, tried(n_faces), size)
         work(3, k + 1, 0, best.one, best.sized.error)
     sized, mesh, one = best
     if settings.edits == 0 or not pace.more:
@@ -163,6 +173,7 @@ class _Work:
     def __init__(self, settings: SurfaceSettings, faces: float, stage: Stage) -> None:
         """faces: that the control mesh is expected to have."""
         self._settings = settings
+        self._done = 0
         self._total = round(self._rounds(1.5 * faces))
         self._on_step = stage("fit", self._total)
 
@@ -171,7 +182,9 @@ class _Work:
         the last fit."""
         smooth = 3 * len(one.control) - len(one.sharp)
         share = self._rounds(smooth, tries, others, cycles) / self._rounds(smooth)
-        self._on_step(round(share * self._total), error)
+        # One fit may have more smooth edges than the one before.
+        self._done = max(self._done, round(share * self._total))
+        self._on_step(self._done, error)
 
     def _rounds(self, smooth: float, tries: int = 3, others: int = -1, cycles: int = -1) -> float:
         """By default all. smooth: edges that are; the more, the longer is a cycle of edits."""
@@ -211,7 +224,7 @@ def _times(first: Sized, n_vertices: int, size: int) -> float:
     bits = 8 * len(first.body) / n_vertices
     x = x0
     for _ in range(10):
-        x = x0 / (1 + 1.5 * math.log2(max(x / ROUNDS_LEAVE, 0.1)) / bits)
+        x = x0 / max(1 + 1.5 * math.log2(max(x / ROUNDS_LEAVE, 0.1)) / bits, 0.5)
     return x
 
 
@@ -263,19 +276,24 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, final: bool
         control = replace(blank, step=step, positions=grid.astype(np.int32))
         return Sized(control, encoder.body(control), math.nan)
 
+    def fill(made: Sized) -> int:
+        """More is better: the bytes of what fits, and else how few they are."""
+        n_bytes = len(made.body)
+        return n_bytes if n_bytes <= size else -n_bytes
+
     step, best = ideal, None
     for _ in range(STEP_TRIES):
-        step = above(min(max(step, FINEST), 0.1))
+        step = above(min(max(step, FINEST), COARSEST))
         made = at(step, rounding.to(step))
         n_bytes = len(made.body)
-        if best is None or (n_bytes <= size and (len(best.body) > size or n_bytes > len(best.body))):
+        if best is None or fill(made) > fill(best):
             best = made
         if not final or CLOSE * size <= n_bytes <= size:
             break
         # A bit more of each coordinate halves the step.
         bits = 8 * (0.995 * size - n_bytes)
         step = step * 2.0 ** (-bits / (3 * len(one.control)))
-        step = max(step, ideal / MOST_FINER)
+        step = min(max(step, ideal / MOST_FINER, FINEST), COARSEST)
         if above(step) == made.mesh.step:
             break
     assert best is not None

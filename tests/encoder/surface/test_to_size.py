@@ -1,0 +1,81 @@
+"""How many vertices and samples a surface of some bytes gets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from control_meshes import arrays
+
+from cndhf_codec.encoder.deadline import Deadline
+from cndhf_codec.encoder.surface import encode, to_size
+from cndhf_codec.encoder.surface.encode import encode_surface
+from cndhf_codec.encoder.surface.settings import FAST
+
+pytestmark = pytest.mark.encode
+
+
+def one(n_vertices: int, error: float) -> Any:
+    return SimpleNamespace(control=np.zeros((n_vertices, 3)), error=error)
+
+
+def trial(n_vertices: int, fit: float, error: float, step: float = 1e-3) -> Any:
+    sized = SimpleNamespace(body=bytes(4000), error=error, mesh=SimpleNamespace(step=step))
+    return SimpleNamespace(sized=sized, one=one(n_vertices, fit), mesh=None)
+
+
+def no_stage(stage: str, total: int) -> Any:
+    return lambda done, loss: None
+
+
+def test_the_power_is_that_of_two_fits():
+    assert to_size._power(one(100, 1.0), one(200, 0.25)) == pytest.approx((2, 2))
+    assert to_size._power(one(200, 0.25), one(100, 1.0)) == pytest.approx((2, 2))
+    assert to_size._power(one(100, 1.0), one(200, 0.9)) == (1, 1)
+    assert to_size._power(one(100, 1.0), one(101, 0.0)) == (5, 5)
+    assert to_size._power(one(100, 1.0), one(100, 1.0)) == (1, 1)
+
+
+def test_vertices_are_fewer_where_rounding_is_most_of_the_error():
+    powers = to_size.FIRST_POWERS
+    assert to_size._balanced(trial(1000, 0.3, 0.35), powers) == 1
+    fewer = to_size._balanced(trial(1000, 0.1, 0.3), powers)
+    assert 0.6 < fewer < 0.95
+    # The faster the fit gets worse with fewer vertices, the more are left.
+    assert fewer < to_size._balanced(trial(1000, 0.1, 0.3), (3.0, 3.0)) <= 1
+    # A step that is the finest already gains nothing by more bits.
+    assert to_size._balanced(trial(1000, 0.1, 0.3, to_size.FINEST), powers) == 1
+    assert to_size._balanced(trial(1000, 0.0, 0.0), powers) == 1
+
+
+@pytest.mark.parametrize("n_vertices", [100, 250, 1000, 4000])
+def test_a_first_try_tells_how_many_vertices_fill_a_file(n_vertices):
+    first: Any = SimpleNamespace(body=bytes(1000))
+    assert 1 < to_size._times(first, n_vertices, 1200) < 1.25
+    assert 0.05 < to_size._times(first, n_vertices, 200) < 1
+
+
+def test_samples_follow_the_vertices_that_there_can_be(monkeypatch):
+    counts = []
+    target = encode.Target
+    monkeypatch.setattr(encode, "Target", lambda v, f, n, seed: [counts.append(n), target(v, f, n, seed)][1])
+    settings = replace(FAST, samples=500, rounds=1)
+    cube, ball = trimesh.creation.box(), trimesh.creation.icosphere(4)
+    encode_surface(*arrays(cube), replace(settings, target_size=1 << 20), 50, 0, no_stage, Deadline(inf))
+    encode_surface(*arrays(ball), replace(settings, target_size=950), 50, 0, no_stage, Deadline(inf))
+    assert counts == [500, 16 * 400]
+
+
+def test_progress_never_falls():
+    done = []
+    settings = replace(FAST, samples=2000, rounds=1, target_size=700, other_counts=(0.9, 1.1), edits=1)
+    # Flat and round: some tries have nearly all edges sharp, others few.
+    shape = trimesh.creation.cylinder(1, 2, sections=64).subdivide()
+    encode_surface(*arrays(shape), settings, 50, 0, lambda s, total: lambda k, loss: done.append(k), Deadline(inf))
+    assert len(done) > 4
+    assert done == sorted(done)
