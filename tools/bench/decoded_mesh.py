@@ -36,10 +36,10 @@ from rate_distortion import mesh_path
 
 MESHES = (
     "horse", "fandisk", "armadillo", "gears", "sts3215-servo", "spot", "rocker-arm", "lucy", "adis16480",
-    "centauro-wheel",
+    "centauro-wheel", "vase-goblet",
 )  # fmt: skip
 SIZES = (1024, 4096)
-CUT, COUNTS = ("horse", "fandisk", "gears"), (500, 1000, 2000, 5000, 10_000, 20_000)
+CUT, COUNTS = ("horse", "fandisk", "gears", "vase-goblet"), (500, 1000, 2000, 5000, 10_000, 20_000)
 COLUMNS = ("table", "file", "way", "triangles", "megabytes", "mean", "p99", "maximum")
 SAMPLES = 100_000  # of either surface
 
