@@ -46,8 +46,7 @@ CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
 REFILLS = 1  # further tries, where the first file is too large, or not full
-# Another number of vertices is tried where that is foretold to take this share off the error, so many times.
-LEAST_FORETOLD, BALANCINGS = 0.05, 2
+BALANCINGS = 2  # tries with other numbers of vertices, where that is foretold to pay
 # The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
 # where the input's own faces are near.
 FIRST_POWERS, POWERS = (1.0, 1.5), (1.0, 5.0)
@@ -106,11 +105,11 @@ def surface_of_size(
         return min(max(round(n_faces), LEAST_FACES), len(given.faces))
 
     def tried(n_faces: int) -> _Try:
-        counts.add(n_faces)
         # Further rounds are for what is left after a try without them.
         spare = max(deadline.left() - LEAST_TRY * first_time, 0.0)
         rounds = int(min(settings.rounds, spare / (ROUND_SHARE * first_time)))
         mesh = simplify.to(n_faces)
+        counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = simple.faceted or n_faces == len(given.faces)
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
         made = _Try(_rounded(one, mesh, target, size), mesh, one)
@@ -131,7 +130,7 @@ def surface_of_size(
         return best.sized
     powers = FIRST_POWERS
     for _ in range(BALANCINGS):
-        n_faces = count(_balanced(best, powers) * len(best.mesh.faces))
+        n_faces = count(_balanced(best, powers, settings.least_foretold) * len(best.mesh.faces))
         if n_faces in counts or not pace.more:
             break
         made = tried(n_faces)
@@ -228,8 +227,8 @@ def _times(first: Sized, n_vertices: int, size: int) -> float:
     return x
 
 
-def _balanced(best: _Try, powers: tuple[float, float]) -> float:
-    """How many times as many vertices would be better; 1 where that would gain little.
+def _balanced(best: _Try, powers: tuple[float, float], least_foretold: float) -> float:
+    """How many times as many vertices would be better; 1 where that takes less than a share off the error.
 
     Error f of the fit and noise n of rounding make about sqrt(f^2 + n^2). x times the vertices leave x^-p of f, and of
     b bits per vertex b / x, which make n 2^(b / 3 (1 - 1 / x)) times as large. powers: the least and the largest p.
@@ -241,7 +240,7 @@ def _balanced(best: _Try, powers: tuple[float, float]) -> float:
     noises = noise * np.maximum(2.0 ** (bits / 3 * (1 - 1 / x)), FINEST / best.sized.mesh.step)
     foretold = np.hypot(f * np.maximum(x ** -powers[0], x ** -powers[1]), noises)
     least = int(np.argmin(foretold))
-    return float(x[least]) if foretold[least] < (1 - LEAST_FORETOLD) * error else 1.0
+    return float(x[least]) if foretold[least] < (1 - least_foretold) * error else 1.0
 
 
 def _power(one: Fitted, other: Fitted) -> tuple[float, float]:
