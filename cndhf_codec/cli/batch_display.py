@@ -13,7 +13,7 @@ from ..batch.jobs import OUTCOMES, Result
 from ..encoder.progress import duration
 from ..mesh.wording import counted
 from .summary import change
-from .terminal import wrapped
+from .terminal import CLEAR, wrapped
 
 BAR = 20  # characters, at most
 SHOWN = 0.1  # seconds between two drawings of the bar
@@ -112,12 +112,12 @@ class Bar(Display):
         self._draw()
 
     def failure(self, result: Result) -> None:
-        self._stream.write("\r\x1b[K")
+        self._stream.write(CLEAR)
         super().failure(result)
         self._last = 0.0
 
     def close(self) -> None:
-        self._stream.write("\r\x1b[K")
+        self._stream.write(CLEAR)
         self._stream.flush()
 
     def line(self, columns: int) -> str:
@@ -143,7 +143,7 @@ class Bar(Display):
         now = time.monotonic()
         if now - self._last > SHOWN:
             self._last = now
-            self._stream.write(f"\r\x1b[K{self.line(shutil.get_terminal_size((80, 24)).columns)}")
+            self._stream.write(f"{CLEAR}{self.line(shutil.get_terminal_size((80, 24)).columns)}")
             self._stream.flush()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...arrays import F64, I32, I64
-from ...decoder.surface.subdivision import Weights, limit_positions, subdivide, topology_of
+from ...decoder.surface.subdivision import Topology, Weights, limit_positions, subdivide, topology_of
 from .nearest import Tree
 
 
@@ -62,16 +62,20 @@ class Basis:
 def coarsest_basis(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     """As `basis_of`, for the least work: a polyhedron, all of whose edges are sharp, is its own tessellation. Where a
     vertex has two of them alone, as at corners of sheets, a curve goes through it."""
-    topology = topology_of(faces, n_vertices, sharp)
-    is_flat = topology.sharp.all() and not np.any(np.bincount(topology.edges.ravel(), minlength=n_vertices) == 2)
-    return basis_of(faces, n_vertices, sharp, 0 if is_flat else levels)
+    mesh = topology_of(faces, n_vertices, sharp)
+    is_flat = mesh.sharp.all() and not np.any(np.bincount(mesh.edges.ravel(), minlength=n_vertices) == 2)
+    return _basis(mesh, 0 if is_flat else levels)
 
 
 def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     """Prepare a control mesh. sharp: (S, 2) sharp edges. levels: how often to subdivide for the tessellation."""
-    mesh = topology_of(faces, n_vertices, sharp)
+    return _basis(topology_of(faces, n_vertices, sharp), levels)
+
+
+def _basis(mesh: Topology, levels: int) -> Basis:
+    n_vertices, n_faces = mesh.n_vertices, len(mesh.faces)
     matrix = sp.identity(n_vertices, format="csr")
-    owner = np.arange(len(faces))
+    owner = np.arange(n_faces)
     for _ in range(levels):
         step = subdivide(mesh)
         matrix = _sparse(step.vertices, mesh.n_vertices) @ matrix
@@ -81,9 +85,9 @@ def basis_of(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
     matrix = _sparse(last.vertices, mesh.n_vertices) @ matrix
     matrix = sp.csr_matrix(_sparse(limit_positions(last.topology), last.topology.n_vertices) @ matrix)
     matrix.sort_indices()
-    ptr, support = _supports(matrix.indptr, matrix.indices, nodes, len(faces), n_vertices)
+    ptr, support = _supports(matrix.indptr, matrix.indices, nodes, n_faces, n_vertices)
     at = np.argsort(support, kind="stable")
-    faces_at = np.repeat(np.arange(len(faces)), np.diff(ptr))[at]
+    faces_at = np.repeat(np.arange(n_faces), np.diff(ptr))[at]
     first = np.concatenate([[0], np.cumsum(np.bincount(support, minlength=n_vertices))])
     slots, indptr, indices = _pattern(ptr, support, first, faces_at)
     return Basis(n_vertices, matrix, fine, nodes, owner, ptr, support, slots, indptr, indices)

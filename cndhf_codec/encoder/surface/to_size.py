@@ -125,7 +125,7 @@ def surface_of_size(
             break
         made = tried(n_faces)
         work(3, 0, 0, made.one, made.sized.error)
-        best = min(best, made, key=lambda one: (max(len(one.sized.body), size), one.sized.error))
+        best = _better(best, made, size)
     if len(best.sized.body) > size:
         return best.sized
     powers = FIRST_POWERS
@@ -213,7 +213,8 @@ class _Simplify:
 
 
 def _better(best: _Try, other: _Try, size: int) -> _Try:
-    return other if len(other.sized.body) <= size and other.sized.error < best.sized.error else best
+    """Of less error, if both fit; else the one that fits, or is smaller."""
+    return min(best, other, key=lambda one: (max(len(one.sized.body), size), one.sized.error))
 
 
 def _times(first: Sized, n_vertices: int, size: int) -> float:
