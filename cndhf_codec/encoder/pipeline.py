@@ -339,7 +339,7 @@ class _Run:
         except MeshError:
             return Other("dhf", math.inf, 0, "impossible")
         error = _mean_error(surface)
-        self.clock("axes", 1)
+        self.clock("doubt", 1)
         with ThreadPool(self.threads) as threads:
             costs = AxisCosts(source.solid, self.seed, threads)
         if costs.visible == 0:

@@ -37,6 +37,7 @@ COURSES: tuple[dict[str, int | None], ...] = (
     {"read": 5, "axes": 5, "fit": 25, "joint fit": 37, "round": 15, "verify": 13},
     {"read": 1, "axes": 3, "fit": 94, "round": 1, "verify": 1},
     {"read": 4, "simplify": 5, "fit": None, "verify": 5},
+    {"read": 4, "simplify": 5, "fit": None, "verify": 5, "doubt": 5},
 )
 # What a user knows of the work.
 WORDS = {
@@ -50,8 +51,9 @@ WORDS = {
     "joint fit": "fitting together",
     "round": "rounding",
     "verify": "measuring",
+    "doubt": "asking whether height fields are better",
 }
-UNCOUNTED = 250  # rounds, of a fit that has not begun: of preset `default`
+UNCOUNTED = 230  # rounds, of a fit that has not begun: of preset `default`
 LEAST_DONE = 0.05  # of the work, before which no time is told
 STEPS = 0.7  # of a stage's time
 SETTLED = 0.1  # of the work in a stage, after which its own speed says how long the rest of it takes
@@ -142,7 +144,7 @@ class Bar:
         self._on = not quiet and self._stream.isatty()
         self._verbose = verbose
         self._estimate: Estimate | None = None
-        self._first, self._try, self._last = "", 1, 0.0
+        self._first, self._try, self._other, self._last = "", 1, False, 0.0
         self._shown, self._loss = "", math.nan
         self._lock, self._closed = threading.Lock(), threading.Event()
 
@@ -155,9 +157,10 @@ class Bar:
                 self._estimate = Estimate(now)
                 self._closed = threading.Event()
                 threading.Thread(target=self._go_on, args=(self._closed,), daemon=True).start()
-            elif self._shown == "verify" and stage not in ("verify", "compile"):
-                # Another try, for an error that was asked for; or the first of the other representation.
+            elif self._shown in ("verify", "doubt") and stage not in ("verify", "doubt", "compile"):
+                # Another try, for an error that was asked for; or height fields, beside the surface that is there.
                 self._estimate = Estimate(now)
+                self._other = self._other or stage != self._first
                 self._try, self._first = self._try + 1 if stage == self._first else 1, stage
             elif not self._first and stage in ("axes", "simplify"):
                 self._first = stage
@@ -182,7 +185,8 @@ class Bar:
         """What is shown, within the width of a terminal."""
         assert self._estimate is not None
         left = self._estimate.left(now)
-        word = WORDS.get(stage, stage) + (f", try {self._try}" if self._try > 1 else "")
+        word = "height fields: " if self._other else ""
+        word += WORDS.get(stage, stage) + (f", try {self._try}" if self._try > 1 else "")
         if self._verbose and not math.isnan(loss):
             word += f", loss {loss:.2e}"
         share = self._estimate.done

@@ -123,7 +123,9 @@ def test_the_line_fits_the_terminal(monkeypatch, columns, verbose):
     [
         (("read", "axes", "verify", "axes", "compile", "verify"), "measuring, try 2"),
         (("read", "simplify", "verify", "simplify", "verify", "simplify"), "simplifying, try 3"),
-        (("read", "simplify", "verify", "axes", "plan"), "choosing views"),  # the other representation
+        (("read", "simplify", "verify", "doubt", "axes", "plan"), "height fields: choosing views"),
+        (("read", "simplify", "verify", "doubt", "axes", "verify", "axes"), "from all sides, try 2"),
+        (("read", "simplify", "fit", "verify", "doubt"), " 98 %, asking whether height fields are better"),
     ],
 )
 def test_another_try_is_counted(stages, last):

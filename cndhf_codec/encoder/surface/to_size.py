@@ -58,7 +58,10 @@ FINEST, COARSEST = 2.0**-17, 0.1  # steps: the finest is less than a thousandth 
 MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
-ROUNDING, POLISHING = 5, 2  # times in rounds of the fit: for the progress alone, ADR 044
+# For the progress alone, ADR 044: times in rounds of the fit, and tries after the first, which mostly fills the file
+# and is balanced.
+ROUNDING, POLISHING, MORE_TRIES = 5, 2, 4 / 3
+COLLAPSES_AND_SPLITS, FLIPPING = 14, 22  # of a cycle of edits, in rounds
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
 
@@ -86,12 +89,12 @@ def surface_of_size(
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     wanted = 2 * 8 * size / BITS_PER_VERTEX
     simplify = _Simplify(given, round(START * wanted))
-    work = _Work(settings, wanted, stage)
+    work = _Work(settings, stage)
     pace = Pace(deadline)
     mesh = simplify.to(round(wanted))
     simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
     first = _rounded(simple.best, mesh, target, size, final=False)
-    work(1, 0, 0, simple.best, first.error)
+    work.first(simple.best, first.error)
     pace.done()
     first_time = pace.last
     if deadline.left() < LEAST_TRY * first_time:
@@ -116,16 +119,15 @@ def surface_of_size(
         pace.done()
         return made
 
+    others = len(settings.other_counts)
     best = tried(count(wanted * _times(first, len(mesh.vertices), size)))
-    work(2, 0, 0, best.one, best.sized.error)
     for _ in range(REFILLS):
         n_bytes = len(best.sized.body)
         n_faces = count(len(best.mesh.faces) * size / n_bytes)
         if n_faces in counts or (n_bytes <= size and (n_bytes >= CLOSE * size or not pace.more)):
             break
-        made = tried(n_faces)
-        work(3, 0, 0, made.one, made.sized.error)
-        best = _better(best, made, size)
+        work.tried(1 + others, best)
+        best = _better(best, tried(n_faces), size)
     if len(best.sized.body) > size:
         return best.sized
     powers = FIRST_POWERS
@@ -133,19 +135,19 @@ def surface_of_size(
         n_faces = count(_balanced(best, powers, settings.least_foretold) * len(best.mesh.faces))
         if n_faces in counts or not pace.more:
             break
+        work.tried(1 + others, best)
         made = tried(n_faces)
-        work(3, 0, 0, made.one, made.sized.error)
         powers = _power(best.one, made.one)
         best = _better(best, made, size)
     # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
     around = len(best.mesh.faces)
     for k, factor in enumerate(settings.other_counts):
-        if not pace.more:
-            break
         n_faces = count(factor * around)
-        if n_faces not in counts:
-            best = _better(best, tried(n_faces), size)
-        work(3, k + 1, 0, best.one, best.sized.error)
+        if n_faces in counts or not pace.more:
+            continue
+        work.tried(others - k, best)
+        best = _better(best, tried(n_faces), size)
+    work.tried(0, best)
     sized, mesh, one = best
     if settings.edits == 0 or not pace.more:
         return sized
@@ -157,7 +159,7 @@ def surface_of_size(
         8 * size,
         settings.edits,
         deadline.before(pace.last),  # what comes after takes no longer than a try
-        lambda cycles, error: work(3, len(settings.other_counts), cycles, one, error),
+        lambda cycles, error: work.edited(settings.edits - cycles, one, error),
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
@@ -169,30 +171,46 @@ def surface_of_size(
 class _Work:
     """Tells how much is done, in rounds of the fit, which take equally long."""
 
-    def __init__(self, settings: SurfaceSettings, faces: float, stage: Stage) -> None:
-        """faces: that the control mesh is expected to have."""
-        self._settings = settings
-        self._done = 0
-        self._total = round(self._rounds(1.5 * faces))
+    def __init__(self, settings: SurfaceSettings, stage: Stage) -> None:
+        s = self._settings = settings
+        self._first = 2 * s.trial_rounds + ROUNDING
+        self._later = 3 * s.trial_rounds + s.rounds + ROUNDING + POLISHING
+        self._spent, self._share, self._error = 0.0, 0.0, 0.0
+        self._total = round(self._first + self._left(MORE_TRIES + len(s.other_counts), s.edits, 1.0))
         self._on_step = stage("fit", self._total)
 
-    def __call__(self, tries: int, others: int, cycles: int, one: Fitted, error: float) -> None:
-        """Tell of the first tries, of which 3 are all, those with other counts, and cycles of edits that are over. one:
-        the last fit."""
-        smooth = 3 * len(one.control) - len(one.sharp)
-        share = self._rounds(smooth, tries, others, cycles) / self._rounds(smooth)
-        # One fit may have more smooth edges than the one before.
-        self._done = max(self._done, round(share * self._total))
-        self._on_step(self._done, error)
+    def first(self, one: Fitted, error: float) -> None:
+        self._tell(self._first, MORE_TRIES + len(self._settings.other_counts), self._settings.edits, one, error)
 
-    def _rounds(self, smooth: float, tries: int = 3, others: int = -1, cycles: int = -1) -> float:
-        """By default all. smooth: edges that are; the more, the longer is a cycle of edits."""
-        s = self._settings
-        first, later = s.trial_rounds + ROUNDING, 3 * s.trial_rounds + s.rounds + ROUNDING + POLISHING
-        last = first if s.edits and cycles < 0 else 0
-        others, cycles = len(s.other_counts) if others < 0 else others, s.edits if cycles < 0 else cycles
-        # The second try mostly fills the file and is balanced, so what follows counts a third.
-        return first + later * ((tries > 1) + (tries > 2) / 3 + others) + math.sqrt(max(smooth, 1)) * cycles + last
+    def tried(self, tries: int, best: _Try) -> None:
+        """After each try, when it is known how many are left."""
+        self._error = best.one.error
+        self._tell(self._later, tries, self._settings.edits, best.one, best.sized.error)
+
+    def edited(self, cycles: int, one: Fitted, error: float) -> None:
+        """cycles: that may be left. The less the last one gained, the sooner they end."""
+        gain, self._error = 1 - error / max(self._error, 1e-12), error
+        self._tell(_cycle(_smooth(one)), 0, min(cycles, math.ceil(max(gain, 0) / LEAST_GAIN)), one, error)
+
+    def _tell(self, spent: float, tries: float, cycles: int, one: Fitted, error: float) -> None:
+        self._spent += spent
+        share = self._spent / (self._spent + self._left(tries, cycles, _smooth(one)))
+        # One fit may have more smooth edges than the one before, or a try was not foreseen.
+        self._share = max(self._share, share)
+        self._on_step(round(self._share * self._total), error)
+
+    def _left(self, tries: float, cycles: int, smooth: float) -> float:
+        return self._later * tries + _cycle(smooth) * cycles + (self._first if self._settings.edits else 0)
+
+
+def _smooth(one: Fitted) -> float:
+    """Share of the edges."""
+    return max(1 - len(one.sharp) / (3 * len(one.control)), 0.0)
+
+
+def _cycle(smooth: float) -> float:
+    """All edges are collapsed and split, but only smooth ones flipped."""
+    return COLLAPSES_AND_SPLITS + FLIPPING * smooth
 
 
 class _Simplify:
