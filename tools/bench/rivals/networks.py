@@ -45,6 +45,9 @@ class Network(torch.nn.Module, ABC):
         """What a file needs beside rounded weights."""
         return b""
 
+    def settle(self) -> None:
+        """Give up what a file cannot hold beside rounding."""
+
     def weights(self) -> list[torch.nn.Parameter]:
         """Those that are rounded."""
         return list(self.parameters())
@@ -124,6 +127,7 @@ def rounded(network: Network, samples: Samples, steps: int, seed: int) -> tuple[
     loss within a tenth.
     """
     other = copy.deepcopy(network)
+    other.settle()
     train(other, samples, max(1, steps // 10), seed, rounding=True)
     data = b"".join([other.whole(), *round_weights(other)])
     return other, len(zstandard.ZstdCompressor(19).compress(data))
