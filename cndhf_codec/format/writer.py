@@ -22,6 +22,14 @@ ZSTD_LEVEL = 22
 def dumps(container: Container, body: bytes | None = None) -> bytes:
     """Bytes of a `.cndhf` file. body: of the surface's section, where it has been encoded already.
 
+    Raises as `written` does.
+    """
+    return written(container, body)[0]
+
+
+def written(container: Container, body: bytes | None = None) -> tuple[bytes, Container]:
+    """Bytes of a `.cndhf` file, and what a reader reads from them.
+
     Raises OptionError when the container holds what the format cannot express or a reader would refuse, so that no
     unreadable file is ever written.
     """
@@ -32,10 +40,9 @@ def dumps(container: Container, body: bytes | None = None) -> bytes:
     data = _head(container.centre, container.scale) + shape + pack_metadata(container.metadata)
     data += struct.pack("<I", zlib.crc32(data))
     try:
-        loads(data)
+        return data, loads(data)
     except Exception as exc:
         raise OptionError(f"the container does not fit the format: {exc}") from exc
-    return data
 
 
 def other_bytes(centre: tuple[float, float, float], metadata: Metadata, size: int | None) -> int:
