@@ -26,6 +26,7 @@ class Display:
         self.total = 0
         self.counts: Counter[str] = Counter()
         self.before = 0  # of them, done or failed by an earlier run
+        self._fresh_done = 0
         self.source_bytes = self.bytes = 0
         self._quiet = quiet
         self._shares: list[float] = []
@@ -42,6 +43,7 @@ class Display:
         self._flying.pop(result.input, None)
         self.counts[result.outcome] += 1
         self.before += not result.fresh
+        self._fresh_done += result.fresh and result.outcome == "done"
         if result.outcome == "done":
             self.source_bytes += result.source_bytes
             self.bytes += result.bytes
@@ -64,7 +66,9 @@ class Display:
         return self.counts.total() - self.counts["done"]
 
     def speed(self) -> float:
-        """Files per second; 0 while none has ended."""
+        """Files per second; 0 while none is done: one that fails at once does not tell how long others take."""
+        if not self._fresh_done:
+            return 0.0
         return (self.counts.total() - self.before) / max(time.monotonic() - self._start, 1e-9)
 
     def summary(self) -> str:
@@ -137,7 +141,8 @@ class Bar(Display):
         for part in parts[1:]:
             if len(line) + 2 + len(part) < columns:
                 line += f", {part}"
-        return f"{line}: {', '.join(self._flying)}"[: columns - 1]
+        flying = f": {', '.join(self._flying)}" if self._flying else ""
+        return f"{line}{flying}"[: columns - 1]
 
     def _draw(self) -> None:
         now = time.monotonic()

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pty
+import re
 import signal
 import sqlite3
 import subprocess
@@ -20,6 +21,7 @@ from ctrl_c import CTRL_C
 from places import ROOT
 from poisoned import poison, write
 
+from cndhf_codec.batch.jobs import Result
 from cndhf_codec.batch.manifest import NAME
 from cndhf_codec.cli.batch_display import Bar, display
 
@@ -208,4 +210,8 @@ def test_a_bar_keeps_to_the_terminal():
         bar.started(name)
     assert bar.line(80) == "[....................] 0/10: a.ply, b.ply"
     assert len(bar.line(30)) == 29
+    bar.ended(Result("a.ply", "failed", reason="empty"))
+    assert bar.line(80) == "[##..................] 1/10, 1 failed: b.ply"  # which does not tell how long others take
+    bar.ended(Result("b.ply", "done", bytes=9, source_bytes=90, diagonal=1.0))
+    assert re.fullmatch(r"\[####\.+\] 2/10, .* left, 1 failed, .* per minute", bar.line(80))
     assert type(display(True, True)).__name__ == "Json"
