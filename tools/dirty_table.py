@@ -1,6 +1,6 @@
-"""What becomes of dirty meshes: `python tools/dirty_table.py results/0.1/dirty MESH ...` writes dirty.tsv, dirty.png.
+"""What becomes of dirty meshes: `python tools/dirty_table.py results/0.2/dirty MESH ...` writes dirty.tsv, dirty.png.
 
-Every mesh is encoded at preset `fast`; what is refused is encoded again with a wall. CD is the mean error from
+Every mesh is encoded at preset `fast` and decoded by default; what is refused is encoded again with a wall. CD is the mean error from
 the input as given, in its normalised frame, times 1000; the pictures show the input beside what comes back.
 """
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from PIL import Image
 from picture import plt
 
 from cndhf_codec import encode
@@ -24,6 +25,7 @@ from cndhf_codec.report.render import picture, view_frame
 WALL = "1%"
 COLUMNS = "mesh\toptions\toutcome\tbytes\tCD\tp99\tmaximum\tseconds\tassumptions"
 VIEWS = ((35.0, 25.0), (215.0, -25.0))
+COLOURS = 48
 PICTURE = 300  # pixels on a side
 
 Row = tuple[str, list[np.ndarray]]  # a line of the table, and the pictures of what came back
@@ -50,7 +52,7 @@ def row(path: Path, thicken: str | None) -> Row:
     seconds = time.perf_counter() - start
     mesh = read_mesh(path)
     norm = normalisation(mesh)
-    surface = model.to_mesh(256)
+    surface = model.to_mesh()
     vertices, faces = norm.apply(np.asarray(surface.vertices)), np.asarray(surface.faces)
     d = surface_distances(norm.apply(mesh.vertices), mesh.faces, vertices, faces).scaled(1000)
     figures = [f"{len(model.dumps())}", f"{d.mean:.3f}", f"{d.p99:.2f}", f"{d.maximum:.1f}", f"{seconds:.0f}"]
@@ -70,6 +72,7 @@ def draw(rows: list[tuple[str, list[np.ndarray], list[np.ndarray]]], target: Pat
     figure.tight_layout(pad=0.3)
     figure.savefig(target, dpi=100)
     plt.close(figure)
+    Image.open(target).convert("RGB").quantize(COLOURS).save(target, optimize=True)
 
 
 @click.command()
