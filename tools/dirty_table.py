@@ -1,7 +1,8 @@
 """What becomes of dirty meshes: `python tools/dirty_table.py results/0.2/dirty MESH ...` writes dirty.tsv, dirty.png.
 
-Every mesh is encoded at preset `fast` and decoded by default; what is refused is encoded again with a wall. CD is the mean error from
-the input as given, in its normalised frame, times 1000; the pictures show the input beside what comes back.
+Every mesh is encoded at preset `fast` and decoded by default; what is refused is encoded again with a wall. CD is the
+mean error from the input as given, in its normalised frame, times 1000; the pictures show the input beside what comes
+back.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from pathlib import Path
 
 import click
 import numpy as np
-from PIL import Image
 from picture import plt
+from PIL import Image
 
 from cndhf_codec import encode
 from cndhf_codec.errors import CndhfError
