@@ -12,8 +12,9 @@ import warnings
 from functools import partial
 from typing import Any
 
+from ..encoder.progress import CLEAR
 from ..errors import CndhfError, CndhfWarning, OptionError, require
-from .terminal import CLEAR, wrapped
+from .terminal import wrapped
 
 
 def encode() -> None:

@@ -10,10 +10,10 @@ from collections import Counter
 from typing import TextIO
 
 from ..batch.jobs import OUTCOMES, Result
-from ..encoder.progress import duration
+from ..encoder.progress import CLEAR, duration
 from ..mesh.wording import counted
 from .summary import change
-from .terminal import CLEAR, wrapped
+from .terminal import wrapped
 
 BAR = 20  # characters, at most
 SHOWN = 0.1  # seconds between two drawings of the bar

@@ -7,7 +7,6 @@ import sys
 import textwrap
 from typing import TextIO
 
-CLEAR = "\r\x1b[K"  # to the beginning of the line, and what stands there goes
 LEAST_COLUMNS = 20
 
 

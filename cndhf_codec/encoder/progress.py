@@ -53,6 +53,7 @@ WORDS = {
     "verify": "measuring",
     "doubt": "asking whether height fields are better",
 }
+CLEAR = "\r\x1b[K"  # to the beginning of a terminal's line, and what stands there goes
 UNCOUNTED = 230  # rounds, of a fit that has not begun: of preset `default`
 LEAST_DONE = 0.05  # of the work, before which no time is told
 STEPS = 0.7  # of a stage's time
@@ -201,7 +202,7 @@ class Bar:
         return f"{bar}{tail}"[: columns - 1]
 
     def _write(self, text: str) -> None:
-        self._stream.write(f"\r\x1b[K{text}")
+        self._stream.write(f"{CLEAR}{text}")
         self._stream.flush()
 
     def close(self) -> None:
