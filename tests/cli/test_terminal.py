@@ -11,7 +11,8 @@ import pytest
 
 from cndhf_codec import cli
 from cndhf_codec.cli import terminal
-from cndhf_codec.cli.terminal import CLEAR, wrapped
+from cndhf_codec.cli.terminal import wrapped
+from cndhf_codec.encoder.progress import CLEAR
 from cndhf_codec.errors import CndhfWarning
 
 LONG = "46.9 kB -> 2.0 kB (23:1), mean error 0.0041 % of the diagonal, p99 0.034 %, maximum 0.11 %, 1 piece, 30 s"
