@@ -83,7 +83,7 @@ def test_an_encode_to_an_error(creature, tiny, monkeypatch):
     monkeypatch.setattr(size_search, "FIRST_SIZE", 1500)
     model, report = encode_quietly(creature, preset="fast", representation="dhf", target_error="8%")
     assert report.distances.mean <= 0.08 * report.diagonal
-    assert model.info["mean_error"] == pytest.approx(report.distances.mean, rel=1e-3)
+    assert 1 <= model.info["mean_error"] / report.distances.mean < 1 + 2**-7  # rounded up to 8 bits
     assert model.info["bytes"] == len(model.dumps()) < 1500
     monkeypatch.setattr(size_search, "LARGEST_SIZE", 1500)
     with pytest.raises(EncodeError, match="not reached"):

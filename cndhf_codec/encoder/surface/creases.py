@@ -71,16 +71,18 @@ def fit_with_creases(
     choices = [np.zeros(len(inner), dtype=bool), *([angled] if angled.any() else []), *([inner] if faceted else [])]
     tries: list[Fitted] = []
     around: list[F64] = []
+    hopeful: list[Mask] = []
     for marked in choices:
         one, errors = _fit(mesh, topology.edges, marked, target, levels, trial_rounds)
         tries.append(one)
-        # The error around an edge: that of all faces at its ends.
         if one.error > HOPELESS * tries[0].error:
-            break
+            continue
+        # The error around an edge: that of all faces at its ends.
         at = np.zeros(len(mesh.vertices))
         np.add.at(at, mesh.faces, errors[:, None])
         around.append(at[topology.edges].sum(axis=1))
-    choices = choices[: len(around)]
+        hopeful.append(marked)
+    choices = hopeful
     bit = min(_known(one) for one in tries) / (BITS_PER_VERTEX * len(mesh.vertices))
     best = np.argmin(np.array(around) + MARK_BITS * bit * np.array(choices), axis=0)
     mixed = np.choose(best, choices)

@@ -19,6 +19,7 @@ really adds tells, and then other numbers are tried (`_balanced`).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -45,6 +46,7 @@ BITS_PER_VERTEX = 18.0  # of the first try only
 CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
+OWN_FACES = 0.5  # share of the input's faces
 REFILLS = 1  # further tries, where the first file is too large, or not full
 BALANCINGS = 2  # tries with other numbers of vertices, where that is foretold to pay
 # The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
@@ -54,6 +56,8 @@ ROUNDS_LEAVE = 0.9  # of the error that a few rounds leave
 # Other steps, for one number of vertices: flat surfaces save less than a bit per coordinate and halving.
 STEP_TRIES = 12
 POLISHED = 0.8  # what polishing leaves of the error of rounding, and so of u
+NEXT_STEP = 1 + 2.0**-9  # a bfloat16 times this is below the next one
+MOSTLY_SMOOTH = 0.9  # share of the edges
 FINEST, COARSEST = 2.0**-17, 0.1  # steps: the finest is less than a thousandth of a percent of the diagonal
 MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
@@ -93,7 +97,7 @@ def surface_of_size(
     pace = Pace(deadline)
     mesh = simplify.to(round(wanted))
     simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
-    first = _rounded(simple.best, mesh, target, size, final=False)
+    first = _rounded(simple.best, mesh, target, size, 0, final=False)
     work.first(simple.best, first.error)
     pace.done()
     first_time = pace.last
@@ -115,7 +119,7 @@ def surface_of_size(
         counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = simple.faceted or n_faces == len(given.faces)
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
-        made = _Try(_rounded(one, mesh, target, size), mesh, one)
+        made = _Try(_rounded(one, mesh, target, size, settings.steps), mesh, one)
         pace.done()
         return made
 
@@ -128,6 +132,11 @@ def surface_of_size(
             break
         work.tried(1 + others, best)
         best = _better(best, tried(n_faces), size)
+    # A file that holds most of the input's own faces may hold them nearly as they are.
+    own = count(wanted)
+    if own >= OWN_FACES * len(given.faces) and own not in counts and pace.more:
+        work.tried(1 + others, best)
+        best = _better(best, tried(own), size)
     if len(best.sized.body) > size:
         return best.sized
     powers = FIRST_POWERS
@@ -163,7 +172,7 @@ def surface_of_size(
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
-    again = _rounded(one._replace(control=control, error=error), mesh, target, size)
+    again = _rounded(one._replace(control=control, error=error), mesh, target, size, settings.steps)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
 
@@ -274,9 +283,9 @@ def _levels(mesh: Manifold) -> int:
     return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), LEAST_LEVELS), 4)
 
 
-def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, final: bool = True) -> Sized:
-    """Round to the step of the formula, or one that fills the file: any coarser one, or one a little finer. final:
-    whether more is asked for than the bytes at the formula's step."""
+def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, steps: int, final: bool = True) -> Sized:
+    """Round to the step of the formula, or one that fills the file: any coarser one, or one a little finer. steps: see
+    `_polished`. final: whether more is asked for than the bytes at the formula's step."""
     rounding = Rounding(one.basis, target, one.control)
     left = one.control.size / (math.log(2) * 8 * size)
     stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
@@ -317,12 +326,38 @@ def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, final: bool
     assert best is not None
     if not final:
         return best._replace(error=one.error)
+    return _polished(best, one, target, size, rounding, at, steps if _smooth(one) < MOSTLY_SMOOTH else 0)
+
+
+def _polished(
+    rounded: Sized,
+    one: Fitted,
+    target: Target,
+    size: int,
+    rounding: Rounding,
+    at: Callable[[float, I64], Sized],
+    steps: int,
+) -> Sized:
+    """The best of this step and so many of the next coarser ones, polished where that pays. Flat faces are met or
+    missed as a whole, by where they lie on the grid, so that steps a hundredth apart have errors a tenth apart."""
+
+    def error(step: float, grid: I64) -> float:
+        return float(mean_errors(one.basis, target, np.asarray(step * grid, dtype=np.float64)).sum())
+
+    step, grid = rounded.mesh.step, rounded.mesh.positions.astype(np.int64)
+    tried = [(error(step, grid), step, grid)]
+    for _ in range(steps):
+        step = above(step * NEXT_STEP)
+        grid = rounding.to(step)
+        tried.append((error(step, grid), step, grid))
+    least, step, grid = min(tried, key=lambda one: one[0])
+    most = max(size, len(rounded.body))
+    found = [rounded._replace(error=tried[0][0]), at(step, grid)._replace(error=least)]
     # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
-    for coarser in (1.0, 1.01):
-        step = above(best.mesh.step * coarser)
-        grid = best.mesh.positions.astype(np.int64) if coarser == 1 else rounding.to(step)
-        made = at(step, polished(one.basis, target, grid, step))
-        if len(made.body) <= max(size, len(best.body)):
-            best = made
+    for coarser in (step, above(1.01 * step)):
+        grid = polished(one.basis, target, grid if coarser == step else rounding.to(coarser), coarser)
+        made = at(coarser, grid)
+        if len(made.body) <= most:
+            found.append(made._replace(error=error(coarser, grid)))
             break
-    return best._replace(error=float(mean_errors(one.basis, target, best.mesh.vertices).sum()))
+    return min((made for made in found if len(made.body) <= most), key=lambda made: made.error)
