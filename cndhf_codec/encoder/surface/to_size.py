@@ -13,7 +13,8 @@ distances that rounding itself leaves allow. These are r with r^2 / (2 mean) = n
 r / mean is n / (ln(2) bits) for this larger u.
 
 Where the error falls faster than 1 / bits, near the input's own faces, this leaves too many vertices. What rounding
-really adds tells, and then other numbers are tried (`_balanced`).
+really adds tells, and then other numbers are tried (`_balanced`); and that of the input's own faces, where a file can
+hold about as many.
 """
 
 from __future__ import annotations

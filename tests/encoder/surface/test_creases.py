@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 from control_meshes import arrays, smooth_fit, square, target_of
 
+from cndhf_codec.encoder.surface import creases
 from cndhf_codec.encoder.surface.creases import Fitted, fit_simply, fit_with_creases
 from cndhf_codec.encoder.surface.simplify import Simplifier
 
@@ -63,6 +64,23 @@ def test_a_simple_fit_takes_the_better_of_none_and_all_sharp():
     smooth = fit_simply(arrays(trimesh.creation.icosphere(1)), target_of(ball), 2, 2)
     assert len(smooth.best.sharp) == 0
     assert not smooth.faceted
+
+
+def test_all_edges_may_be_sharp_where_angled_ones_alone_are_hopeless(monkeypatch):
+    rough = trimesh.creation.icosphere(2)
+    rough.vertices *= np.random.default_rng(0).uniform(0.9, 1.1, (len(rough.vertices), 1))
+    fit = creases._fit
+    tried = []
+
+    def with_hopeless_angles(mesh, edges, marked, *rest):
+        one, errors = fit(mesh, edges, marked, *rest)
+        tried.append(int(marked.sum()))
+        return one._replace(error=one.error if marked.all() or not marked.any() else 2.0), errors
+
+    monkeypatch.setattr(creases, "_fit", with_hopeless_angles)
+    assert len(creased(rough, rough).sharp) == 480
+    assert tried[::2] == [0, 480]
+    assert 0 < tried[1] < 480
 
 
 def test_sharp_edges_are_edges_smaller_number_first():

@@ -95,3 +95,36 @@ def test_progress_never_falls():
     encode_surface(*arrays(shape), settings, 50, 0, lambda s, total: lambda k, loss: done.append(k), Deadline(inf))
     assert len(done) > 4
     assert done == sorted(done)
+
+
+def test_a_file_that_can_hold_the_inputs_own_faces_does():
+    rng = np.random.default_rng(0)
+    rough = trimesh.creation.icosphere(3, 1.0)  # of 642 vertices, none of which the others foretell
+    rough.vertices *= rng.uniform(0.9, 1.1, (len(rough.vertices), 1))
+    settings = replace(FAST, samples=20_000, target_size=1600)
+    made = encode_surface(*arrays(rough), settings, 50, 0, no_stage, Deadline(inf))
+    assert len(made.mesh.positions) == 642
+    assert len(made.mesh.sharp) == 1920
+    assert made.error < 0.004  # a smooth surface has 0.017
+    few = encode_surface(*arrays(rough), replace(settings, target_size=700), 50, 0, no_stage, Deadline(inf))
+    assert len(few.mesh.positions) < 400
+
+
+def test_coarser_steps_are_tried_where_edges_are_sharp():
+    box = trimesh.creation.box((1.0, 0.777, 0.3)).subdivide()
+    box.vertices += 0.1234
+    vertices, faces = arrays(box)
+    target = encode.Target(vertices, faces, 5000, 0)
+    mesh = encode.cut(vertices, faces)
+    simple = to_size.fit_simply(mesh, target, 1, 2).best
+    assert to_size._smooth(simple) < 0.1
+    none, some = (to_size._rounded(simple, mesh, target, 110, steps) for steps in (0, 12))
+    assert some.mesh.step > none.mesh.step
+    assert some.error < 0.9 * none.error
+    assert len(some.body) <= 110
+    ball = encode.cut(*arrays(trimesh.creation.icosphere(2)))
+    round_one = to_size.fit_simply(ball, encode.Target(ball.vertices, ball.faces, 5000, 0), 2, 2).best._replace(
+        sharp=np.zeros((0, 2), dtype=np.int64)
+    )
+    smooth = [to_size._rounded(round_one, ball, target, 300, steps) for steps in (0, 12)]
+    assert smooth[0].mesh.step == smooth[1].mesh.step
