@@ -18,7 +18,7 @@ class SurfaceSettings:
     other_counts: tuple[float, ...] = (0.94, 1.06)
     # Another number of vertices is tried where that is foretold to take this share off the error.
     least_foretold: float = 0.05
-    steps: int = 12  # of the grid, coarser ones, that are tried where edges are sharp
+    grid_steps: int = 12  # coarser ones, that are tried where edges are sharp
     edits: int = 4  # cycles of edits of the best of them
 
 
@@ -32,7 +32,7 @@ FAST = replace(
     samples_per_vertex=16,
     other_counts=(),
     least_foretold=0.15,
-    steps=6,
+    grid_steps=6,
     edits=0,
 )
 BEST = replace(
@@ -42,6 +42,6 @@ BEST = replace(
     samples=80_000,
     samples_per_vertex=80,
     other_counts=(0.88, 0.94, 0.97, 1.03, 1.06, 1.12),
-    steps=24,
+    grid_steps=24,
     edits=8,
 )

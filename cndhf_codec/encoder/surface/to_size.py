@@ -65,7 +65,7 @@ MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
 # For the progress alone, ADR 044: times in rounds of the fit, and tries after the first, which mostly fills the file
 # and is balanced.
-ROUNDING, POLISHING, MORE_TRIES = 5, 2, 4 / 3
+ROUNDING, GRID_STEP, POLISHING, MORE_TRIES = 5, 0.7, 2, 4 / 3
 COLLAPSES_AND_SPLITS, FLIPPING = 14, 22  # of a cycle of edits, in rounds
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
@@ -120,7 +120,7 @@ def surface_of_size(
         counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = simple.faceted or n_faces == len(given.faces)
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
-        made = _Try(_rounded(one, mesh, target, size, settings.steps), mesh, one)
+        made = _Try(_rounded(one, mesh, target, size, settings.grid_steps), mesh, one)
         pace.done()
         return made
 
@@ -173,7 +173,7 @@ def surface_of_size(
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
-    again = _rounded(one._replace(control=control, error=error), mesh, target, size, settings.steps)
+    again = _rounded(one._replace(control=control, error=error), mesh, target, size, settings.grid_steps)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
 
@@ -184,7 +184,6 @@ class _Work:
     def __init__(self, settings: SurfaceSettings, stage: Stage) -> None:
         s = self._settings = settings
         self._first = 2 * s.trial_rounds + ROUNDING
-        self._later = 3 * s.trial_rounds + s.rounds + ROUNDING + POLISHING
         self._spent, self._share, self._error = 0.0, 0.0, 0.0
         self._total = round(self._first + self._left(MORE_TRIES + len(s.other_counts), s.edits, 1.0))
         self._on_step = stage("fit", self._total)
@@ -195,7 +194,7 @@ class _Work:
     def tried(self, tries: int, best: _Try) -> None:
         """After each try, when it is known how many are left."""
         self._error = best.one.error
-        self._tell(self._later, tries, self._settings.edits, best.one, best.sized.error)
+        self._tell(self._try(_smooth(best.one)), tries, self._settings.edits, best.one, best.sized.error)
 
     def edited(self, cycles: int, one: Fitted, error: float) -> None:
         """cycles: that may be left. The less the last one gained, the sooner they end."""
@@ -209,8 +208,13 @@ class _Work:
         self._share = max(self._share, share)
         self._on_step(round(self._share * self._total), error)
 
+    def _try(self, smooth: float) -> float:
+        s = self._settings
+        steps = s.grid_steps if smooth < MOSTLY_SMOOTH else 0
+        return 3 * s.trial_rounds + s.rounds + ROUNDING + GRID_STEP * steps + POLISHING
+
     def _left(self, tries: float, cycles: int, smooth: float) -> float:
-        return self._later * tries + _cycle(smooth) * cycles + (self._first if self._settings.edits else 0)
+        return self._try(smooth) * tries + _cycle(smooth) * cycles + (self._first if self._settings.edits else 0)
 
 
 def _smooth(one: Fitted) -> float:
