@@ -12,8 +12,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from picture import plt
-from PIL import Image
+from picture import plt, save
 
 from cndhf_codec import encode
 from cndhf_codec.errors import CndhfError
@@ -26,7 +25,6 @@ from cndhf_codec.report.render import picture, view_frame
 WALL = "1%"
 COLUMNS = "mesh\toptions\toutcome\tbytes\tCD\tp99\tmaximum\tseconds\tassumptions"
 VIEWS = ((35.0, 25.0), (215.0, -25.0))
-COLOURS = 48
 PICTURE = 300  # pixels on a side
 
 Row = tuple[str, list[np.ndarray]]  # a line of the table, and the pictures of what came back
@@ -71,9 +69,8 @@ def draw(rows: list[tuple[str, list[np.ndarray], list[np.ndarray]]], target: Pat
         axis_row[0].set_title(name, fontsize=9, loc="left")
         axis_row[len(VIEWS)].set_title("comes back" if back else "refused", fontsize=9, loc="left")
     figure.tight_layout(pad=0.3)
-    figure.savefig(target, dpi=100)
+    save(figure, target)
     plt.close(figure)
-    Image.open(target).convert("RGB").quantize(COLOURS).save(target, optimize=True)
 
 
 @click.command()

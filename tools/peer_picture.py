@@ -11,15 +11,13 @@ in the normalised frame. Needs the extra `bench`.
 from __future__ import annotations
 
 import csv
-import io
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import click
-import matplotlib
 import numpy as np
-from PIL import Image
+from picture import plt, save
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "bench"))
 
@@ -30,11 +28,7 @@ from cndhf_codec.mesh.read import Mesh, read_mesh
 from cndhf_codec.mesh.solid import Solid
 from cndhf_codec.report.render import picture, view_frame
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
 ALLOWED = 1.1  # of the size: a peer's sizes come in steps
-COLOURS = 48
 MARGIN = 12  # pixels
 
 
@@ -122,10 +116,7 @@ def main(
             axis.imshow((first if cell is whole else drawn(cell))[box], interpolation="antialiased")
             axis.set_title(cell.title, fontsize=8)
     figure.tight_layout(pad=0.2)
-    png = io.BytesIO()
-    figure.savefig(png, dpi=100)
-    # Few colours: a rendering has shades of one.
-    Image.open(png).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    save(figure, target)
     click.echo(f"{target}: {target.stat().st_size} bytes")
 
 

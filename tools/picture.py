@@ -5,11 +5,13 @@ Orthographic ray casting with embreex; the name and the size in bytes are writte
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import click
 import matplotlib
 import numpy as np
+from PIL import Image
 
 from cndhf_codec.mesh.solid import Solid
 from cndhf_codec.report.compare import read_shape
@@ -17,6 +19,16 @@ from cndhf_codec.report.render import picture, view_frame
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+COLOURS = 48
+
+
+def save(figure: Figure, target: Path) -> None:
+    """Write a figure of renderings with few colours: they have shades of one."""
+    png = io.BytesIO()
+    figure.savefig(png, dpi=100)
+    Image.open(png).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 @click.command()
@@ -44,7 +56,7 @@ def main(
         axis.imshow(picture(Solid((shape.vertices - centre) / scale, shape.faces), frame, 2 * size))
         axis.set_title(f"{shape.name}: {shape.bytes:,} bytes", fontsize=10)
     figure.tight_layout(pad=0.3)
-    figure.savefig(target, dpi=100)
+    save(figure, target)
 
 
 if __name__ == "__main__":

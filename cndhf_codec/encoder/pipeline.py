@@ -204,7 +204,7 @@ def check_seed(seed: object) -> int:
 
 
 class _Made(NamedTuple):
-    """A file without its errors, and what the report says of it. body: of a surface's section."""
+    """A file before its errors are measured, and what the report says of it. body: of a surface's section."""
 
     container: Container
     body: bytes | None
@@ -273,8 +273,8 @@ class _Surfaces:
         made = encode_surface(solid.vertices, solid.faces, settings, other, run.seed, run.clock, deadline)
         # The default mesh is as fine as the error that a file states. Until it is measured, that of the fit is near it.
         about = above(made.error * source.norm.scale)
-        about_so = replace(metadata, mean_error=about, p99_error=about)
-        container = Container(source.norm.centre, source.norm.scale, metadata=about_so, surface=made.mesh)
+        metadata = replace(metadata, mean_error=about, p99_error=about)
+        container = Container(source.norm.centre, source.norm.scale, metadata=metadata, surface=made.mesh)
         return _Made(container, made.body, 1.0, 1.0, 0.0)
 
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -355,9 +356,11 @@ def _polished(
         step = above(step * NEXT_STEP)
         grid = rounding.to(step)
         tried.append((error(step, grid), step, grid))
-    least, step, grid = min(tried, key=lambda one: one[0])
+    found = [rounded._replace(error=tried[0][0])]
+    least, step, grid = min(tried, key=itemgetter(0))
+    if step != rounded.mesh.step:
+        found.append(at(step, grid)._replace(error=least))
     most = max(size, len(rounded.body))
-    found = [rounded._replace(error=tried[0][0]), at(step, grid)._replace(error=least)]
     # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
     for coarser in (step, above(1.01 * step)):
         grid = polished(one.basis, target, grid if coarser == step else rounding.to(coarser), coarser)
