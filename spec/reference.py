@@ -173,14 +173,14 @@ def table(c):
 
 def surface(body):  # 4
     flags, step = struct.unpack_from("<BH", body)
-    need(flags < 32 and flags % 16 <= 8, "flags of the surface")
+    need(flags < 64 and flags % 16 <= 8, "flags of the surface")
     need(2.0**-30 <= bf16(step) <= 1, "step")
     quaternion = struct.unpack_from("<4h", body, 3) if flags & 16 else (0, 0, 0, 32767)
     check_quaternion(quaternion)
     coder = RangeDecoder(body[11 if flags & 16 else 3 :])
     faces = Connectivity(coder, len(body)).read()
     sharp = marks(coder, faces)
-    grid = positions(coder, faces, flags % 16)
+    grid = positions(coder, faces, flags % 16, flags & 32)
     coder.end()
     return {"quaternion": quaternion, "step": bf16(step), "positions": grid, "faces": faces, "sharp": sharp}
 
@@ -467,17 +467,13 @@ def marks(coder, faces):  # 4.4
     return [e for e in inner if e in marked]
 
 
-def positions(coder, faces, eighths):  # 4.5
+def positions(coder, faces, eighths, repeats):  # 4.5
     edges, n_vertices, missing, last = by_edge(faces), 1 + max(map(max, faces)), [3] * len(faces), (0, 0, 0)
     at, near, foretelling, queue = {}, {}, defaultdict(list), [deque(), deque(), deque()]
 
     def following():
-        for k in (2, 1, 0):
-            while queue[k]:
-                d = queue[k].popleft()
-                if d not in at and min(len(foretelling[d]), 2) == k:
-                    return d
-        return None
+        waiting = (vertices.popleft() for vertices in reversed(queue) for _ in range(len(vertices)))
+        return next((d for d in waiting if d not in at), None)
 
     def place(d):
         nonlocal last
@@ -485,7 +481,11 @@ def positions(coder, faces, eighths):  # 4.5
         here = list(at[near[d]] if d in near else last)
         for k in range(3):
             total = 8 * m + sum((8 + eighths) * (at[a][k] + at[b][k]) - 2 * eighths * at[c][k] for a, b, c in by)
-            here[k] = total // (16 * m) + coder.signed("told") if m else here[k] + coder.signed("untold")
+            guess = total // (16 * m) if m else here[k]
+            found = sorted({at[v][k] for v in sum(by, ()) if repeats}, key=lambda x: (abs(x - guess), x))
+            tried = (x for i, x in enumerate(found) if coder.bit("same", k, min(len(found), 3), min(i, 3)))
+            repeated = next(tried, None)
+            here[k] = guess + coder.signed("told" if m else "untold") if repeated is None else repeated
             need(abs(here[k]) <= 262144, "position")
         at[d] = last = tuple(here)
         for f in (f for f, face in enumerate(faces) if d in face):

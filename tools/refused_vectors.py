@@ -327,7 +327,6 @@ def surfaces() -> dict[str, tuple[bytes, str, str]]:
         return struct.pack("<BH", flags, step) + struct.pack(f"<{len(quaternion)}h", *quaternion) + rest
 
     bodies = {
-        "flags-bit-5": (head(0x20), "FieldError", "field flags is 32"),
         "flags-bit-6": (head(0x40), "FieldError", "field flags is 64"),
         "flags-bit-7": (head(0x80), "FieldError", "field flags is 128"),
         "eighths-9": (head(9), "FieldError", "field eighths is 9"),

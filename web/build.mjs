@@ -17,10 +17,10 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "adaptive", "below", "bias", "bit", "bodies", "code", "count", "digits", "divided", "evaluate", "finish", "frequencies",
-  "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network", "nonzero",
-  "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "read", "refined", "sharpness", "split", "starts", "take", "topology",
-  "valences", "widen", "winding", "zero",
+  "adaptive", "after", "below", "bias", "bit", "bodies", "code", "controlVertices", "count", "digits", "divided", "edges", "ends", "evaluate",
+  "finish", "frequencies", "header", "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network",
+  "nonzero", "normalised", "ofCorner", "ofHalf", "ofNew", "ofSector", "opposite", "outputs", "range", "raw", "read", "refined",
+  "sharpness", "split", "starts", "take", "topology", "valences", "widen", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */

@@ -19,7 +19,7 @@ from cndhf_codec.errors import ChecksumError, FormatError, OptionError, SectionE
 from cndhf_codec.format import Container, ControlMesh, Metadata, dumps, loads, loads_prefix, read_header, section_sizes
 from cndhf_codec.format.surface.manifold import edges_of, fault
 from cndhf_codec.format.surface.positions import MAX_POSITION
-from cndhf_codec.format.surface.section import encode_surface
+from cndhf_codec.format.surface.section import REPEATS, encode_surface
 from cndhf_codec.format.writer import other_bytes
 
 UNTURNED = (0, 0, 0, 32767)
@@ -132,6 +132,22 @@ def meshes(draw) -> ControlMesh:
 @settings(max_examples=60, deadline=None)
 def test_random_meshes(mesh):
     check(mesh)
+
+
+def test_coordinates_that_repeat_are_nearly_free():
+    # A box of cubes with three values of each coordinate, and with as many as can be.
+    faces = manifolds.voxels(np.ones((6, 5, 4), dtype=bool))
+    mesh = control_mesh(faces, 1, sharp=0.0)
+    rng = np.random.default_rng(2)
+    few = replace(mesh, positions=(1000 * rng.integers(0, 3, mesh.positions.shape)).astype(np.int32))
+    many = replace(mesh, positions=(few.positions + rng.integers(-99, 99, few.positions.shape)).astype(np.int32))
+    repeated, plain = encode_surface(few), encode_surface(many)
+    assert (repeated[0] & REPEATS, plain[0] & REPEATS) == (REPEATS, 0)
+    assert len(repeated) < 0.5 * len(plain)
+    for each in few, many:
+        back = loads(dumps(Container((0.0, 0.0, 0.0), 1.0, surface=each))).surface
+        assert back is not None
+        assert same_shape(back, each)
 
 
 @pytest.mark.parametrize("seed", range(20))

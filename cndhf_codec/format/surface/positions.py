@@ -10,6 +10,10 @@ exact. So the file says s, in eighths. Where several faces foretell a vertex, th
 
 The next vertex is always one that is foretold by as many faces as any (counted up to 2), and of these the one that
 was first to be so. Residuals share one set of contexts: with few hundred vertices, more sets learn too slowly to pay.
+
+Vertices of mechanical parts repeat coordinates: those of one plane share one. Where a file says so, a coordinate is
+first compared with those of the corners of the faces that foretell it, the nearest to the prediction first, and is
+predicted only when it is none of them.
 """
 
 from __future__ import annotations
@@ -22,12 +26,14 @@ import numpy as np
 from ...errors import LimitError, OptionError, PayloadError
 from .manifold import Ints
 from .models import SignedModel
-from .range_coder import Coder
+from .range_coder import Coder, Context
 
 # Evidence for these constants: ADR 035.
 MAX_POSITION = 2**18  # of each coordinate, either sign; residuals stay within `SignedModel`'s range
 EIGHTHS = 8  # the most that `eighths` may be: s = 1
 COUNTED = 2  # faces that foretell a vertex are counted up to here, for the order
+# Coordinates that may be repeated are counted up to here, and so are those that there are.
+TRIED, FOUND = 3, 3
 
 
 class Walk(NamedTuple):
@@ -49,7 +55,9 @@ def walk_of(faces: Ints) -> Walk:
     return Walk(walker.order, walker.foretold, walker.near)
 
 
-def code_positions(coder: Coder, walk: Walk, eighths: int, positions: Ints | None = None) -> Ints:
+def code_positions(
+    coder: Coder, walk: Walk, eighths: int, repeats: bool = False, positions: Ints | None = None
+) -> Ints:
     """Code the positions of all vertices of a mesh, in either direction.
 
     Parameters
@@ -58,6 +66,8 @@ def code_positions(coder: Coder, walk: Walk, eighths: int, positions: Ints | Non
     walk : Walk
     eighths : int
         8 s, from 0 to 8
+    repeats : bool
+        whether coordinates are first compared with those of corners nearby
     positions : (V, 3) int array, optional
         grid coordinates; an encoder's only
 
@@ -81,6 +91,7 @@ def code_positions(coder: Coder, walk: Walk, eighths: int, positions: Ints | Non
         given = positions.tolist()
     ahead, back = 8 + eighths, 2 * eighths  # 16 g - ... : (8 + e)(x + y) - 2 e z, over 16
     predicted, other = SignedModel(), SignedModel()
+    same = [[[Context() for _ in range(TRIED + 1)] for _ in range(FOUND + 1)] for _ in range(3)]
     at: list[list[int]] = [[]] * len(walk.order)
     here = [0, 0, 0]
     for v in walk.order:
@@ -98,13 +109,38 @@ def code_positions(coder: Coder, walk: Walk, eighths: int, positions: Ints | Non
             guess = here if near < 0 else at[near]
         here = []
         for k in range(3):
-            residual = 0 if given is None else given[v][k] - guess[k]
-            c = guess[k] + model.code(coder, 0, residual)
+            wanted = guess[k] if given is None else given[v][k]
+            c = None
+            if repeats:
+                found = {at[w][k] for corners in foretold for w in corners}
+                c = _repeated(coder, same[k], found, guess[k], wanted)
+            if c is None:
+                c = guess[k] + model.code(coder, 0, wanted - guess[k])
             if not -MAX_POSITION <= c <= MAX_POSITION:
                 raise PayloadError(f"vertex {v} of the control mesh lies beyond {MAX_POSITION} grid units")
             here.append(c)
         at[v] = here
     return np.array(at, dtype=np.int32).reshape(-1, 3)
+
+
+def _repeated(coder: Coder, same: list[list[Context]], found: set[int], guess: int, wanted: int) -> int | None:
+    """Code which of the coordinates found nearby is repeated, the nearest to the guess first; None for none of them."""
+    contexts = same[min(len(found), FOUND)]
+    for i, c in enumerate(sorted(found, key=lambda c: (abs(c - guess), c))):
+        if coder.bit(contexts[min(i, TRIED)], int(c == wanted)):
+            return c
+    return None
+
+
+def repeated_share(walk: Walk, positions: Ints) -> float:
+    """The share of coordinates that are equal to one of the corners of the faces that foretell the vertex."""
+    told = [(v, w) for v, by in enumerate(walk.foretold) for corners in by for w in corners]
+    if not told:
+        return 0.0
+    v, w = np.array(told).T
+    same = np.zeros(positions.shape, dtype=bool)
+    np.logical_or.at(same, v, positions[v] == positions[w])
+    return float(same.mean())
 
 
 def best_eighths(walk: Walk, positions: Ints) -> int:
@@ -149,12 +185,11 @@ class _Walker:
                     self._place(v)
 
     def _next(self) -> int | None:
-        for count in range(COUNTED, -1, -1):
-            queue = self._queues[count]
+        for queue in reversed(self._queues):
             while queue:
                 v = queue.popleft()
-                # A vertex stands in the queue of each count that it has had.
-                if not self._placed[v] and min(len(self.foretold[v]), COUNTED) == count:
+                # A vertex stands in the queue of each count that it has had; the highest comes first.
+                if not self._placed[v]:
                     return v
         return None
 

@@ -3,7 +3,7 @@ import { PayloadError } from "../errors.js";
 import { type Edges, nextHalf, previousHalf } from "./manifold.js";
 import { SignedModel } from "./models.js";
 import { Queue } from "./queue.js";
-import type { RangeDecoder } from "./rangeCoder.js";
+import { contexts, type RangeDecoder } from "./rangeCoder.js";
 
 const MAX_POSITION = 2 ** 18;
 
@@ -14,15 +14,17 @@ export function decodePositions(
   nVertices: number,
   edges: Edges,
   eighths: number,
+  repeats: number,
 ): Int32Array {
   const at = new Int32Array(3 * nVertices);
   const placed = new Uint8Array(nVertices);
   const missing = new Uint8Array(faces.length / 3).fill(3);
   const near = new Int32Array(nVertices).fill(-1);
   const foretelling = new Int32Array(nVertices); // how many faces foretell a vertex that is not placed
-  const queues = [new Queue(), new Queue(), new Queue()];
+  const queues = [new Queue(), new Queue(), new Queue()]; // vertices that 2, 1 and 0 faces foretell
   const told = new SignedModel();
   const untold = new SignedModel();
+  const same = contexts(48);
   const { opposite, first, after } = edges;
   let last = -1;
 
@@ -30,17 +32,26 @@ export function decodePositions(
     const m = foretelling[v]!;
     const from = near[v]! < 0 ? last : near[v]!;
     for (let k = 0; k < 3; k++) {
-      let guess = 8 * m;
-      // The faces that foretell v lie across the edges opposite to it.
-      for (let corner = m ? first[v]! : -1; corner >= 0; corner = after[corner]!) {
+      let guess = 0;
+      const found = new Set<number>(); // coordinates of the corners of the faces that foretell v
+      // Those faces lie across the edges opposite to v.
+      for (let corner = first[v]!; corner >= 0; corner = after[corner]!) {
         const h = opposite[nextHalf(corner)]!;
         if (h < 0 || missing[(h / 3) | 0]) continue;
-        const ends = at[3 * faces[h]! + k]! + at[3 * faces[nextHalf(h)]! + k]!;
-        guess += (8 + eighths) * ends - 2 * eighths * at[3 * faces[previousHalf(h)]! + k]!;
+        [h, nextHalf(h), previousHalf(h)].forEach((corner, i) => {
+          const x = at[3 * faces[corner]! + k]!;
+          guess += x * (i < 2 ? 8 + eighths : -2 * eighths);
+          if (repeats) found.add(x);
+        });
       }
-      const x = m ? Math.floor(guess / (16 * m)) + told.read(coder) : (at[3 * from + k] ?? 0) + untold.read(coder);
+      guess = m ? Math.round(guess / (16 * m)) : (at[3 * from + k] ?? 0);
+      const x =
+        [...found]
+          .sort((p, q) => Math.abs(p - guess) - Math.abs(q - guess) || p - q)
+          .find((_, i) => coder.bit(same[16 * k + 4 * Math.min(found.size, 3) + Math.min(i, 3)]!)) ??
+        guess + (m ? told : untold).read(coder);
       if (Math.abs(x) > MAX_POSITION) {
-        throw new PayloadError(`vertex ${v} of the control mesh lies beyond ${MAX_POSITION} grid units`);
+        throw new PayloadError(`a vertex of the control mesh lies beyond ${MAX_POSITION} grid units`);
       }
       at[3 * v + k] = x;
     }
@@ -53,32 +64,25 @@ export function decodePositions(
         if (isFull) {
           const o = opposite[h]!;
           const w = o < 0 ? v : faces[previousHalf(o)]!;
-          if (placed[w]) continue;
-          const count = ++foretelling[w]!;
-          if (count < 3) queues[count]!.push(w);
+          if (!placed[w]) queues[2 - ++foretelling[w]!]?.push(w);
         } else {
           const w = faces[h]!;
-          if (placed[w] || near[w]! >= 0) continue;
-          near[w] = v;
-          queues[0]!.push(w);
+          if (!placed[w] && near[w]! < 0) {
+            near[w] = v;
+            queues[2]!.push(w);
+          }
         }
       }
     }
   };
 
   const next = (): number => {
-    for (let count = 2; count >= 0; count--) {
-      for (let v = queues[count]!.take(); v >= 0; v = queues[count]!.take()) {
-        if (!placed[v] && Math.min(foretelling[v]!, 2) === count) return v;
-      }
-    }
+    for (const queue of queues) for (let v = queue.take(); v >= 0; v = queue.take()) if (!placed[v]) return v;
     return -1;
   };
 
   for (let v = 0; v < nVertices; v++) {
-    if (placed[v]) continue;
-    place(v);
-    for (let w = next(); w >= 0; w = next()) place(w);
+    for (let w = placed[v] ? -1 : v; w >= 0; w = next()) place(w);
   }
   return at;
 }

@@ -9,6 +9,7 @@ import { RangeDecoder } from "./rangeCoder.js";
 
 const HEAD_SIZE = 3;
 const ROTATED = 0x10;
+const REPEATS = 0x20;
 const MAX_EIGHTHS = 8;
 
 /** A control mesh as it is stored. */
@@ -33,7 +34,7 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
   const flags = body[0]!;
   const eighths = flags & 15;
   const step = bfloat16(data, 1);
-  inRange("surface: field flags", flags, 0, 31);
+  inRange("surface: field flags", flags, 0, 63);
   inRange("surface: field eighths", eighths, 0, MAX_EIGHTHS);
   inRange("surface: field step", step, 2 ** -30, 1);
   let quaternion = [0, 0, 0, 32767];
@@ -51,7 +52,7 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
   for (let h = 0; h < faces.length; h++) nVertices = Math.max(nVertices, faces[h]! + 1);
   const edges = edgesOf(faces, nVertices);
   const sharp = decodeMarks(coder, faces, nVertices, edges);
-  const positions = decodePositions(coder, faces, nVertices, edges, eighths);
+  const positions = decodePositions(coder, faces, nVertices, edges, eighths, flags & REPEATS);
   coder.finish();
   return { quaternion, step, positions, faces, edges, sharp };
 }
