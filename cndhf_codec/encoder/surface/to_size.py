@@ -20,32 +20,24 @@ hold about as many.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import I64
 from ...errors import EncodeError
-from ...format import ControlMesh
-from ...format.bfloat16 import above
-from ...format.surface.section import UNTURNED, PositionEncoder
 from ..deadline import Deadline, Pace
 from ..progress import Stage
 from .creases import Fitted, fit_simply, fit_with_creases
 from .cut import Manifold, cut
 from .edits import LEAST_GAIN, edited
 from .fit import fit, mean_errors
-from .rounding import Rounding, polished
+from .grid import CLOSE, FINEST, MOSTLY_SMOOTH, Sized, on_grid, smooth_share
 from .settings import SurfaceSettings
 from .simplify import Simplifier
 from .target import Target
 
 # Evidence for these constants: ADR 036.
 BITS_PER_VERTEX = 18.0  # of the first try only
-CLOSE = 0.985  # a file of this share of the bytes allowed is full
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
 OWN_FACES = 0.5  # share of the input's faces
@@ -55,13 +47,6 @@ BALANCINGS = 2  # tries with other numbers of vertices, where that is foretold t
 # where the input's own faces are near.
 FIRST_POWERS, POWERS = (1.0, 1.5), (1.0, 5.0)
 ROUNDS_LEAVE = 0.9  # of the error that a few rounds leave
-# Other steps, for one number of vertices: flat surfaces save less than a bit per coordinate and halving.
-STEP_TRIES = 12
-POLISHED = 0.8  # what polishing leaves of the error of rounding, and so of u
-NEXT_STEP = 1 + 2.0**-9  # a bfloat16 times this is below the next one
-MOSTLY_SMOOTH = 0.9  # share of the edges
-FINEST, COARSEST = 2.0**-17, 0.1  # steps: the finest is less than a thousandth of a percent of the diagonal
-MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 # Of the time of the first try: what the next takes with no further rounds, and each of these.
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
 # For the progress alone, ADR 044: times in rounds of the fit, and tries after the first, which mostly fills the file
@@ -70,15 +55,6 @@ ROUNDING, GRID_STEP, POLISHING, MORE_TRIES = 5, 0.7, 2, 4 / 3
 COLLAPSES_AND_SPLITS, FLIPPING = 14, 22  # of a cycle of edits, in rounds
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
-
-
-class Sized(NamedTuple):
-    """A control mesh and the bytes of its section. error: mean distance; after rounding, but for
-    a first try."""
-
-    mesh: ControlMesh
-    body: bytes
-    error: float
 
 
 class _Try(NamedTuple):
@@ -99,7 +75,7 @@ def surface_of_size(
     pace = Pace(deadline)
     mesh = simplify.to(round(wanted))
     simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
-    first = _rounded(simple.best, mesh, target, size, 0, final=False)
+    first = on_grid(simple.best, mesh, target, size, 0, final=False)
     work.first(simple.best, first.error)
     pace.done()
     first_time = pace.last
@@ -121,7 +97,7 @@ def surface_of_size(
         counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = simple.faceted or n_faces == len(given.faces)
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
-        made = _Try(_rounded(one, mesh, target, size, settings.grid_steps), mesh, one)
+        made = _Try(on_grid(one, mesh, target, size, settings.grid_steps), mesh, one)
         pace.done()
         return made
 
@@ -174,7 +150,7 @@ def surface_of_size(
     )
     control = fit(one.basis, target, one.control, settings.trial_rounds)
     error = float(mean_errors(one.basis, target, control).sum())
-    again = _rounded(one._replace(control=control, error=error), mesh, target, size, settings.grid_steps)
+    again = on_grid(one._replace(control=control, error=error), mesh, target, size, settings.grid_steps)
     # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
     return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
 
@@ -195,16 +171,16 @@ class _Work:
     def tried(self, tries: int, best: _Try) -> None:
         """After each try, when it is known how many are left."""
         self._error = best.one.error
-        self._tell(self._try(_smooth(best.one)), tries, self._settings.edits, best.one, best.sized.error)
+        self._tell(self._try(smooth_share(best.one)), tries, self._settings.edits, best.one, best.sized.error)
 
     def edited(self, cycles: int, one: Fitted, error: float) -> None:
         """cycles: that may be left. The less the last one gained, the sooner they end."""
         gain, self._error = 1 - error / max(self._error, 1e-12), error
-        self._tell(_cycle(_smooth(one)), 0, min(cycles, math.ceil(max(gain, 0) / LEAST_GAIN)), one, error)
+        self._tell(_cycle(smooth_share(one)), 0, min(cycles, math.ceil(max(gain, 0) / LEAST_GAIN)), one, error)
 
     def _tell(self, spent: float, tries: float, cycles: int, one: Fitted, error: float) -> None:
         self._spent += spent
-        share = self._spent / (self._spent + self._left(tries, cycles, _smooth(one)))
+        share = self._spent / (self._spent + self._left(tries, cycles, smooth_share(one)))
         # One fit may have more smooth edges than the one before, or a try was not foreseen.
         self._share = max(self._share, share)
         self._on_step(round(self._share * self._total), error)
@@ -216,11 +192,6 @@ class _Work:
 
     def _left(self, tries: float, cycles: int, smooth: float) -> float:
         return self._try(smooth) * tries + _cycle(smooth) * cycles + (self._first if self._settings.edits else 0)
-
-
-def _smooth(one: Fitted) -> float:
-    """Share of the edges."""
-    return max(1 - len(one.sharp) / (3 * len(one.control)), 0.0)
 
 
 def _cycle(smooth: float) -> float:
@@ -287,85 +258,3 @@ def _power(one: Fitted, other: Fitted) -> tuple[float, float]:
 
 def _levels(mesh: Manifold) -> int:
     return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), LEAST_LEVELS), 4)
-
-
-def _rounded(one: Fitted, mesh: Manifold, target: Target, size: int, steps: int, final: bool = True) -> Sized:
-    """Round to the step of the formula, or one that fills the file: any coarser one, or one a little finer. steps: see
-    `_polished`. final: whether more is asked for than the bytes at the formula's step."""
-    rounding = Rounding(one.basis, target, one.control)
-    left = one.control.size / (math.log(2) * 8 * size)
-    stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
-    ideal = math.sqrt(12 * max(one.error, 1e-7) / (math.log(2) * stiffness * 8 * size))
-    blank = ControlMesh(
-        UNTURNED,
-        1.0,
-        np.zeros(one.control.shape, dtype=np.int32),
-        mesh.faces.astype(np.int32),
-        one.sharp.astype(np.int32),
-    )
-    encoder = PositionEncoder(blank)
-
-    def at(step: float, grid: I64) -> Sized:
-        control = replace(blank, step=step, positions=grid.astype(np.int32))
-        return Sized(control, encoder.body(control), math.nan)
-
-    def fill(made: Sized) -> int:
-        """More is better: the bytes of what fits, and else how few they are."""
-        n_bytes = len(made.body)
-        return n_bytes if n_bytes <= size else -n_bytes
-
-    step, best = ideal, None
-    for _ in range(STEP_TRIES):
-        step = above(min(max(step, FINEST), COARSEST))
-        made = at(step, rounding.to(step))
-        n_bytes = len(made.body)
-        if best is None or fill(made) > fill(best):
-            best = made
-        if not final or CLOSE * size <= n_bytes <= size:
-            break
-        # A bit more of each coordinate halves the step.
-        bits = 8 * (0.995 * size - n_bytes)
-        step = step * 2.0 ** (-bits / (3 * len(one.control)))
-        step = min(max(step, ideal / MOST_FINER, FINEST), COARSEST)
-        if above(step) == made.mesh.step:
-            break
-    assert best is not None
-    if not final:
-        return best._replace(error=one.error)
-    return _polished(best, one, target, size, rounding, at, steps if _smooth(one) < MOSTLY_SMOOTH else 0)
-
-
-def _polished(
-    rounded: Sized,
-    one: Fitted,
-    target: Target,
-    size: int,
-    rounding: Rounding,
-    at: Callable[[float, I64], Sized],
-    steps: int,
-) -> Sized:
-    """The best of this step and so many of the next coarser ones, polished where that pays. Flat faces are met or
-    missed as a whole, by where they lie on the grid, so that steps a hundredth apart have errors a tenth apart."""
-
-    def error(step: float, grid: I64) -> float:
-        return float(mean_errors(one.basis, target, np.asarray(step * grid, dtype=np.float64)).sum())
-
-    step, grid = rounded.mesh.step, rounded.mesh.positions.astype(np.int64)
-    tried = [(error(step, grid), step, grid)]
-    for _ in range(steps):
-        step = above(step * NEXT_STEP)
-        grid = rounding.to(step)
-        tried.append((error(step, grid), step, grid))
-    found = [rounded._replace(error=tried[0][0])]
-    least, step, grid = min(tried, key=itemgetter(0))
-    if step != rounded.mesh.step:
-        found.append(at(step, grid)._replace(error=least))
-    most = max(size, len(rounded.body))
-    # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
-    for coarser in (step, above(1.01 * step)):
-        grid = polished(one.basis, target, grid if coarser == step else rounding.to(coarser), coarser)
-        made = at(coarser, grid)
-        if len(made.body) <= most:
-            found.append(made._replace(error=error(coarser, grid)))
-            break
-    return min((made for made in found if len(made.body) <= most), key=lambda made: made.error)

@@ -93,3 +93,31 @@ def test_polishing_leaves_alone_what_is_best(fitted):
     once = polished(basis, target, Rounding(basis, target, control).to(0.03), 0.03)
     again = polished(basis, target, once, 0.03)
     assert np.mean(once != polished(basis, target, again, 0.03)) < 0.2
+
+
+def test_a_price_makes_coordinates_repeat_and_costs_little():
+    # A box with further vertices on its faces and edges, which may slide there.
+    box = trimesh.creation.box((0.9, 0.7, 0.5)).subdivide().subdivide()
+    rng = np.random.default_rng(3)
+    jittered = box.vertices + np.where(np.abs(box.vertices) < [0.44, 0.34, 0.24], rng.uniform(-0.03, 0.03, (98, 3)), 0)
+    mesh, target = arrays(box), target_of(box)
+    sharp = np.asarray(box.edges_unique)
+    basis = basis_of(mesh.faces, len(mesh.vertices), sharp, 2)
+    rounding = Rounding(basis, target, np.asarray(jittered))
+
+    def repeated(grid):
+        """The share of coordinates that a neighbour has."""
+        same = grid[sharp[:, 0]] == grid[sharp[:, 1]]
+        out = np.zeros(grid.shape, dtype=bool)
+        np.logical_or.at(out, sharp[:, 0], same)
+        np.logical_or.at(out, sharp[:, 1], same)
+        return out.mean()
+
+    step = 2.0**-9
+    price = 10 * rounding.stiffness * step**2
+    plain, priced = rounding.to(step), rounding.to(step, price)
+    assert repeated(priced) > repeated(plain) + 0.1
+    errors = [mean_distance(target, basis.surface(step * grid), basis.fine) for grid in (plain, priced)]
+    assert errors[1] < 1.3 * errors[0]
+    moved = polished(basis, target, plain, step, price)
+    assert repeated(moved) > repeated(plain)
