@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ...arrays import F64, I64
 from ...errors import EncodeError
+from ...format.container import rotation_matrix
+from ...format.surface import section
 from ..deadline import Deadline
 from ..progress import Stage
 from .cut import cut
+from .frame import turned_frame
 from .settings import SurfaceSettings
 from .target import Target
 from .to_size import BITS_PER_VERTEX, Sized, surface_of_size
 
 LEAST_SECTION = 40  # bytes: a tetrahedron takes about so many
+QUATERNION_BYTES = 8  # of a turned frame
 
 
 def encode_surface(
@@ -32,11 +38,19 @@ def encode_surface(
     if size < LEAST_SECTION:
         raise EncodeError(f"{settings.target_size} bytes hold no surface; use a larger size")
     stage("simplify", 1)
+    turned = turned_frame(vertices, faces)
+    if turned:
+        vertices = vertices @ rotation_matrix(turned).T
+        size -= QUATERNION_BYTES
     # With few samples per vertex the surface is fitted to them, and not to what lies between.
     most_vertices = min(8 * size / BITS_PER_VERTEX, len(vertices))
     n_samples = max(settings.samples, round(settings.samples_per_vertex * most_vertices))
     target = Target(vertices, faces, n_samples, seed)
     sized = surface_of_size(cut(vertices, faces), target, size, settings, stage, deadline)
+    if turned:
+        mesh = replace(sized.mesh, quaternion=turned)
+        sized = sized._replace(mesh=mesh, body=section.encode_surface(mesh))
+        size += QUATERNION_BYTES
     if len(sized.body) > size:
         raise EncodeError(
             f"a surface of {settings.target_size} bytes was not reached: the smallest has "

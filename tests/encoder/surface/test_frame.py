@@ -1,0 +1,62 @@
+"""The frame of the grid: planes of mechanical parts lie along its axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from control_meshes import arrays
+from quietly import encode_quietly
+from scipy.spatial.transform import Rotation
+
+from cndhf_codec.encoder.surface.frame import turned_frame
+from cndhf_codec.format.container import rotation_matrix
+
+TURN = Rotation.from_rotvec([0.5, 0.9, -0.4]).as_matrix()
+
+
+def part() -> trimesh.Trimesh:
+    """A block with a bevel and a round boss, whose planes along the axes have most of its area."""
+    block = trimesh.creation.box((0.9, 0.6, 0.3))
+    block.vertices[(block.vertices > 0).all(axis=1)] -= 0.05
+    boss = trimesh.creation.cylinder(0.2, 0.4, sections=32)
+    return trimesh.util.concatenate([block, boss])
+
+
+def test_the_planes_of_a_turned_part_are_found():
+    mesh = arrays(part())
+    quaternion = turned_frame(mesh.vertices @ TURN.T, mesh.faces)
+    assert quaternion is not None
+    axes = rotation_matrix(quaternion) @ TURN  # of the grid, as the part was before
+    nearest = np.abs(axes).argmax(axis=1)
+    assert sorted(nearest) == [0, 1, 2]
+    # Nearer than rounding to a quaternion of length 32767 would be.
+    assert np.abs(np.abs(axes) - np.eye(3)[nearest]).max() < 1e-5
+    assert np.linalg.det(axes) == pytest.approx(1)
+
+
+def test_a_part_along_the_axes_and_a_round_shape_stay_as_they_are():
+    for mesh in (arrays(part()), arrays(trimesh.creation.icosphere(4)), arrays(trimesh.creation.torus(0.5, 0.2))):
+        assert turned_frame(mesh.vertices, mesh.faces) is None
+
+
+def test_one_direction_of_planes_is_enough():
+    # The sides of a prism are along few directions, and none of them across another.
+    prism = arrays(trimesh.creation.cylinder(0.8, 0.1, sections=7))
+    quaternion = turned_frame(prism.vertices @ TURN.T, prism.faces)
+    assert quaternion is not None
+    assert np.abs(rotation_matrix(quaternion) @ TURN @ [0, 0, 1]).max() > 1 - 1e-9
+
+
+def test_a_turned_part_takes_hardly_more_bytes(tmp_path):
+    mesh = part()
+    sizes, errors = [], []
+    for turn in (np.eye(3), TURN):
+        turned = mesh.copy()
+        turned.vertices = mesh.vertices @ turn.T
+        model, report = encode_quietly(turned, preset="fast", representation="surface", target_size=500)
+        assert (model.container.surface.quaternion == (0, 0, 0, 32767)) == (turn is not TURN)
+        sizes.append(len(model.dumps()))
+        errors.append(report.normalised.mean)
+    assert max(sizes) <= 500
+    assert errors[1] < 1.5 * errors[0] + 1e-5
