@@ -20,9 +20,9 @@ from .range_coder import RangeDecoder, RangeEncoder
 HEAD_SIZE = 3  # flags, step
 ROTATED = 0x10  # flag: a quaternion follows the step
 REPEATS = 0x20  # flag: coordinates are first compared with those nearby
-# Shares of coordinates. Where fewer are repeated, to say of each whether it is takes more bits than are saved: .29 per
-# coordinate at least. Where more are, it takes fewer: with two to ask of, about 1.2, and 2 are saved.
-FEW_REPEATED, MANY_REPEATED = 1 / 20, 1 / 4
+# Share of coordinates. Where fewer are repeated, to say of each whether it is takes more bits than are saved: .29 per
+# coordinate at least, and the repeated ones have 6 at most on average.
+FEW_REPEATED = 1 / 20
 UNTURNED = (0, 0, 0, c.QUATERNION_ONE)
 LEAST_STEP, MOST_STEP = 2.0**-30, 1.0  # normalised units
 
@@ -58,10 +58,11 @@ class PositionEncoder:
         positions = np.empty_like(mesh.positions)
         positions[self._vertices] = mesh.positions
         eighths = best_eighths(self._walk, positions)
-        share = repeated_share(self._walk, positions)
-        asked = (False, True) if FEW_REPEATED <= share <= MANY_REPEATED else (share > MANY_REPEATED,)
-        streams = [(self._stream(eighths, repeats, positions), REPEATS * repeats) for repeats in asked]
-        stream, repeats = min(streams, key=lambda made: len(made[0]))
+        stream, repeats = self._stream(eighths, False, positions), 0
+        if repeated_share(self._walk, positions) > FEW_REPEATED:
+            other = self._stream(eighths, True, positions)
+            if len(other) < len(stream):
+                stream, repeats = other, REPEATS
         try:
             step = bits_above(mesh.step)
             if from_bits(step) != mesh.step:
