@@ -33,10 +33,13 @@ def parts_of(mesh: ControlMesh) -> tuple[int, int, int]:
     encoder = RangeEncoder()
     encode_marks(encoder, mesh.faces, mesh.sharp)
     marks = len(encoder.finish())
-    encoder = RangeEncoder()
     walk = walk_of(mesh.faces)
-    code_positions(encoder, walk, best_eighths(walk, mesh.positions), mesh.positions)
-    return connectivity, marks, len(encoder.finish())
+    positions = []
+    for repeats in (False, True):
+        encoder = RangeEncoder()
+        code_positions(encoder, walk, best_eighths(walk, mesh.positions), repeats, mesh.positions)
+        positions.append(len(encoder.finish()))
+    return connectivity, marks, min(positions)
 
 
 def draco_bytes(mesh: ControlMesh) -> int:
