@@ -71,33 +71,28 @@ def polished(basis: Basis, target: Target, grid: I64, step: float, price: float 
 
 
 @nb.njit(cache=True)
-def _nearest(
-    wish: float,
-    unit: float,
-    price: float,
-    indptr: I32,
-    indices: I32,
-    v: int,
-    k: int,
-    grid: I64 | F64,
-    step: float,
-    done: Mask | None = None,
-) -> np.int64:
+def _nearest(wish: float, unit: float, price: float, near: F64) -> np.int64:
     """The grid coordinate of least cost: unit d^2 at a distance d from the wish, and the price if no neighbour has it.
-    grid: (V, 3) of all, in units of which a step has so many; done: which of them count, if not all."""
+    near: the neighbours' coordinates."""
     best = np.int64(np.rint(wish))
-    if price == 0:
-        return best
-    least = np.inf
-    for p in range(indptr[v], indptr[v + 1]):
-        w = indices[p]
-        if w == v or (done is not None and not done[w]):
-            continue
-        c = np.int64(np.rint(grid[w, k] / step))
+    least = price + unit * (best - wish) ** 2
+    for c in np.rint(near):
         cost = unit * (c - wish) ** 2
         if cost < least:
-            least, near = cost, c
-    return near if least < price + unit * (best - wish) ** 2 else best
+            least, best = cost, np.int64(c)
+    return best
+
+
+@nb.njit(cache=True)
+def _near(indptr: I32, indices: I32, v: int, coordinates: I64 | F64, counted: Mask) -> F64:
+    """The coordinates of those neighbours of v that are counted."""
+    out, n = np.empty(indptr[v + 1] - indptr[v]), 0
+    for p in range(indptr[v], indptr[v + 1]):
+        w = indices[p]
+        if w != v and counted[w]:
+            out[n] = coordinates[w]
+            n += 1
+    return out[:n]
 
 
 @nb.njit(cache=True)
@@ -106,6 +101,7 @@ def _move(
 ) -> None:
     """Move grid coordinates (V, 3) one after the other to where the form is least, given the others. gradient: (V, 3)
     of the form, kept up to date."""
+    counted = np.full(len(grid), price > 0)
     for _ in range(SWEEPS):
         for v in range(len(grid)):
             own = indptr[v]
@@ -115,7 +111,8 @@ def _move(
                 form = blocks[own, k, k] + damping
                 wish = -gradient[v, k] / (form * step)
                 wish = grid[v, k] + min(max(wish, -FARTHEST), FARTHEST)
-                move = _nearest(wish, form * step * step / 2, price, indptr, indices, v, k, grid, 1.0) - grid[v, k]
+                near = _near(indptr, indices, v, grid[:, k], counted)
+                move = _nearest(wish, form * step * step / 2, price, near) - grid[v, k]
                 if move == 0:
                     continue
                 grid[v, k] += move
@@ -131,7 +128,7 @@ def _round(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, 
     n = len(places)
     logs = 0.0
     gradient = np.zeros((n, 3))
-    done = np.zeros(n, dtype=np.bool_)
+    done, none = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
     number = np.full(n, -1)
     free, ties = np.empty(n, dtype=np.int64), np.empty(n)
     for v in range(n):
@@ -177,10 +174,9 @@ def _round(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, 
             wish /= root[i, i]
             logs += 2 * np.log(root[i, i])
             if step > 0:
-                to = (places[v, k] + wish) / step
                 unit = (root[i, i] * step) ** 2 / 2
-                near = _nearest(to, unit, price, indptr, indices, v, k, places, step, done)
-                move[i] = near * step - places[v, k]
+                near = _near(indptr, indices, v, places[:, k], done if price > 0 else none) / step
+                move[i] = _nearest((places[v, k] + wish) / step, unit, price, near) * step - places[v, k]
         if step == 0:
             for i in range(m):
                 number[free[i]] = -1

@@ -13,7 +13,7 @@ import trimesh
 from control_meshes import arrays
 
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.surface import encode, to_size
+from cndhf_codec.encoder.surface import encode, grid, to_size
 from cndhf_codec.encoder.surface.encode import encode_surface
 from cndhf_codec.encoder.surface.settings import FAST
 
@@ -117,8 +117,8 @@ def test_coarser_steps_are_tried_where_edges_are_sharp():
     target = encode.Target(vertices, faces, 5000, 0)
     mesh = encode.cut(vertices, faces)
     simple = to_size.fit_simply(mesh, target, 1, 2).best
-    assert to_size._smooth(simple) < 0.1
-    none, some = (to_size._rounded(simple, mesh, target, 110, steps) for steps in (0, 12))
+    assert grid.smooth_share(simple) < 0.1
+    none, some = (grid.on_grid(simple, mesh, target, 110, steps) for steps in (0, 12))
     assert some.mesh.step > none.mesh.step
     assert some.error < 0.9 * none.error
     assert len(some.body) <= 110
@@ -126,5 +126,5 @@ def test_coarser_steps_are_tried_where_edges_are_sharp():
     round_one = to_size.fit_simply(ball, encode.Target(ball.vertices, ball.faces, 5000, 0), 2, 2).best._replace(
         sharp=np.zeros((0, 2), dtype=np.int64)
     )
-    smooth = [to_size._rounded(round_one, ball, target, 300, steps) for steps in (0, 12)]
+    smooth = [grid.on_grid(round_one, ball, target, 300, steps) for steps in (0, 12)]
     assert smooth[0].mesh.step == smooth[1].mesh.step
