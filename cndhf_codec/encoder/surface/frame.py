@@ -30,7 +30,8 @@ def turned_frame(vertices: F64, faces: I64) -> Quaternion | None:
     best, most = np.eye(3), _share(np.eye(3), normals, areas) + LEAST_GAIN
     directions = _directions(normals, areas)
     for i, first in enumerate(directions):
-        for second in directions[i + 1 :]:
+        any_across = np.cross(first, np.eye(3)[np.abs(first).argmin()])
+        for second in (*directions[i + 1 :], any_across / np.linalg.norm(any_across)):
             if abs(first @ second) < ALONG:
                 axes = _fitted(first, second, normals, areas)
                 share = _share(axes, normals, areas)
@@ -40,14 +41,17 @@ def turned_frame(vertices: F64, faces: I64) -> Quaternion | None:
 
 
 def _directions(normals: F64, areas: F64) -> list[F64]:
-    """Some of the directions, up to sign, that most of the area has."""
+    """Some of the directions, up to sign, that most of the area has; none where that is little."""
     largest = np.abs(normals).argmax(axis=1)
     signs = np.sign(np.take_along_axis(normals, largest[:, None], axis=1))
     # Cells of a grid: what is near the wall of one may count half, which is enough to be found.
     _, where = np.unique(np.rint(normals * signs / ALONG), axis=0, return_inverse=True)
     sums = np.bincount(where.ravel(), areas)
     found: list[F64] = []
-    for cell in np.argsort(-sums, kind="stable")[: 4 * CANDIDATES]:
+    cells = np.argsort(-sums, kind="stable")[: 4 * CANDIDATES]
+    if sums[cells].sum() < LEAST_GAIN:
+        return found
+    for cell in cells:
         face = int(np.flatnonzero(where.ravel() == cell)[0])
         direction = normals[face] * signs[face]
         if all(abs(direction @ other) < np.cos(2 * ALONG) for other in found):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import manifolds
 import numpy as np
 import pytest
 import trimesh
@@ -46,6 +47,14 @@ def test_one_direction_of_planes_is_enough():
     quaternion = turned_frame(prism.vertices @ TURN.T, prism.faces)
     assert quaternion is not None
     assert np.abs(rotation_matrix(quaternion) @ TURN @ [0, 0, 1]).max() > 1 - 1e-9
+
+
+def test_a_turned_sheet_lies_along_the_grid():
+    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 7), np.linspace(-0.5, 0.5, 6), indexing="ij")
+    sheet = np.column_stack([x.ravel(), y.ravel(), np.zeros(42)])
+    quaternion = turned_frame(sheet @ TURN.T, manifolds.grid(6, 5))
+    assert quaternion is not None
+    assert np.ptp(sheet @ TURN.T @ rotation_matrix(quaternion).T, axis=0).min() < 1e-5
 
 
 def test_a_turned_part_takes_hardly_more_bytes(tmp_path):
