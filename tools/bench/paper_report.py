@@ -38,6 +38,7 @@ OTHERS = {
 }
 LABELS = {"dhf": "dhf, default", "surface": "surface, default", "peers": "Draco, meshopt"}
 MOST_BYTES = 16_384  # of those in the figure
+PARAMETERS = (5000, 10_000, 20_000, 40_000)  # about those of the levels
 ROWS_OF_PICTURES = 4
 
 Cells = dict[tuple[str, str], dict[str, Row]]
@@ -163,11 +164,16 @@ def plots(out: Path, rows: list[Row], others: dict[str, list[Row]]) -> None:
                         axis.loglog(*envelope(some), style, label=LABELS[start], lw=1)
             axis.set_title(name, fontsize=9)
             axis.grid(True, which="both", alpha=0.3)
+            if across == "parameters":
+                axis.set_xlim(PARAMETERS[0] / 2, 2 * PARAMETERS[-1])
+                axis.set_xticks(PARAMETERS, [str(x) for x in PARAMETERS])
+                axis.xaxis.set_minor_formatter("")
             axis.tick_params(labelsize=7, which="both")
-        axes[0, 0].legend(fontsize=6)
         figure.supxlabel(across, fontsize=9)
         figure.supylabel("CD x 1000", fontsize=9)
-        figure.tight_layout()
+        found = {label: line for a in axes.flat for line, label in zip(*a.get_legend_handles_labels(), strict=True)}
+        figure.tight_layout(rect=(0, 0, 1, 1 - 0.3 / (2.8 * lines)))
+        figure.legend(found.values(), found.keys(), loc="upper center", ncols=len(found), fontsize=7, frameon=False)
         figure.savefig(out / f"{file}.png", dpi=80)
         plt.close(figure)
 
