@@ -18,7 +18,7 @@ import cndhf_codec
 from cndhf_codec.format import ControlMesh
 from cndhf_codec.format.surface.connectivity import encode_connectivity
 from cndhf_codec.format.surface.marks import encode_marks
-from cndhf_codec.format.surface.positions import best_eighths, code_positions, walk_of
+from cndhf_codec.format.surface.positions import best_eighths, code_positions, told_of, walk_of
 from cndhf_codec.format.surface.range_coder import RangeEncoder
 from cndhf_codec.format.surface.section import HEAD_SIZE
 
@@ -37,7 +37,7 @@ def parts_of(mesh: ControlMesh) -> tuple[int, int, int]:
     positions = []
     for repeats in (False, True):
         encoder = RangeEncoder()
-        code_positions(encoder, walk, best_eighths(walk, mesh.positions), repeats, mesh.positions)
+        code_positions(encoder, walk, best_eighths(told_of(walk), mesh.positions), repeats, mesh.positions)
         positions.append(len(encoder.finish()))
     return connectivity, marks, min(positions)
 

@@ -59,8 +59,7 @@ def on_grid(one: Fitted, mesh: Manifold, target: Target, size: int, steps: int, 
     if filled.body[0] & REPEATS:
         price = grids.price()
         other = grids.polished(grids.filled(filled.mesh.step, price), price, steps)
-        if len(other.body) <= max(size, len(best.body)) and other.error < best.error:
-            best = other
+        best = min(best, other, key=lambda made: (max(len(made.body), size), made.error))
     return best
 
 

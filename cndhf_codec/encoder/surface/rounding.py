@@ -48,7 +48,8 @@ class Rounding:
         self.mean, self.median = normal.mean, normal.median / math.log(2)
 
     def to(self, step: float, price: float = 0.0) -> I64:
-        """(V, 3) grid coordinates. price: of a coordinate that no neighbour has, as mean distance."""
+        """(V, 3) grid coordinates. price: of a coordinate that no neighbour has, as mean distance. All that share
+        samples with a vertex are its neighbours here; a file repeats those of faces nearby, most of them."""
         places = self._control.copy()
         self._run(places, step, price)
         return np.rint(places / step).astype(np.int64)
@@ -59,8 +60,8 @@ class Rounding:
 
 
 def polished(basis: Basis, target: Target, grid: I64, step: float, price: float = 0.0) -> I64:
-    """(V, 3) grid coordinates, each moved by steps of the grid as long as the mean distance falls. price: as
-    `Rounding.to` has it."""
+    """(V, 3) grid coordinates, each moved by steps of the grid to where the mean distance and the price, as
+    `Rounding.to` has it, are least."""
     grid = grid.copy()
     for _ in range(POLISHINGS):
         normal = linearised(basis, target, np.asarray(step * grid, dtype=np.float64), even=True)

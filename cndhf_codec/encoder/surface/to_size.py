@@ -42,8 +42,8 @@ BITS_PER_VERTEX = 18.0  # of the first try only
 LEAST_FACES = 4
 START = 4.0  # the first simplification leaves so many times as many faces as the first try has
 OWN_FACES = 0.5  # share of the input's faces
-# The nine of ten faces that are not flat or doubled are the shape itself; a vertex whose coordinates repeat may take so
-# few bits on a grid that is fine enough for it.
+# Without its flattest faces an input is nearly itself; a vertex whose coordinates repeat may take so few bits on a grid
+# that is fine enough for it.
 NEARLY_ALL, LEAST_BITS = 0.9, 13
 REFILLS = 1  # further tries, where the first file is too large, or not full
 BALANCINGS = 2  # tries with other numbers of vertices, where that is foretold to pay
@@ -194,8 +194,10 @@ class _Work:
 
     def _try(self, smooth: float) -> float:
         s = self._settings
-        steps = s.grid_steps if smooth < MOSTLY_SMOOTH else 0
-        return 3 * s.trial_rounds + s.rounds + ROUNDING + GRID_STEP * steps + POLISHING
+        rounding: float = ROUNDING + POLISHING
+        if smooth < MOSTLY_SMOOTH:
+            rounding += ROUNDING + POLISHING + 2 * GRID_STEP * s.grid_steps  # with a price, too
+        return 3 * s.trial_rounds + s.rounds + rounding
 
     def _left(self, tries: float, cycles: int, smooth: float) -> float:
         return self._try(smooth) * tries + _cycle(smooth) * cycles + (self._first if self._settings.edits else 0)

@@ -32,7 +32,7 @@ from .range_coder import Coder, Context
 MAX_POSITION = 2**18  # of each coordinate, either sign; residuals stay within `SignedModel`'s range
 EIGHTHS = 8  # the most that `eighths` may be: s = 1
 COUNTED = 2  # faces that foretell a vertex are counted up to here, for the order
-# Coordinates that may be repeated are counted up to here, and so are those that there are.
+# Of coordinates that may be repeated, for the choice of a context: the place of one and their number count up to here.
 TRIED, FOUND = 3, 3
 
 
@@ -132,23 +132,30 @@ def _repeated(coder: Coder, same: list[list[Context]], found: set[int], guess: i
     return None
 
 
-def repeated_share(walk: Walk, positions: Ints) -> float:
-    """The share of coordinates that are equal to one of the corners of the faces that foretell the vertex."""
-    told = [(v, w) for v, by in enumerate(walk.foretold) for corners in by for w in corners]
-    if not told:
+def told_of(walk: Walk) -> Ints:
+    """(5, K): the vertex, how many faces foretell it, and the corners x, y, z of one of them, for each that does."""
+    told = [(v, len(by), *corners) for v, by in enumerate(walk.foretold) for corners in by]
+    return np.array(told, dtype=np.int32).reshape(-1, 5).T
+
+
+def repeated_share(told: Ints, positions: Ints) -> float:
+    """The share of coordinates that are equal to one of the corners of the faces that foretell the vertex. told: as
+    `told_of` has it."""
+    if not told.size:
         return 0.0
-    v, w = np.array(told).T
+    v, _, *corners = told
     same = np.zeros(positions.shape, dtype=bool)
-    np.logical_or.at(same, v, positions[v] == positions[w])
+    for w in corners:
+        np.logical_or.at(same, v, positions[v] == positions[w])
     return float(same.mean())
 
 
-def best_eighths(walk: Walk, positions: Ints) -> int:
-    """The s, in eighths, for which the residuals of a mesh's positions have fewest binary digits in all."""
-    told = [(v, len(by), *corners) for v, by in enumerate(walk.foretold) for corners in by]
-    if not told:
+def best_eighths(told: Ints, positions: Ints) -> int:
+    """The s, in eighths, for which the residuals of a mesh's positions have fewest binary digits in all. told: as
+    `told_of` has it."""
+    if not told.size:
         return EIGHTHS
-    v, n, x, y, z = np.array(told).T
+    v, n, x, y, z = told
     p = positions.astype(np.float64)
     middle, across = (p[x] + p[y]) / 2 / n[:, None], p[z] / n[:, None]
     g = np.column_stack([np.bincount(v, middle[:, k], len(p)) for k in range(3)])

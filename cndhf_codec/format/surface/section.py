@@ -14,7 +14,7 @@ from ..container import ControlMesh
 from .connectivity import decode_connectivity, encode_connectivity, limits_for
 from .manifold import Ints
 from .marks import decode_marks, encode_marks
-from .positions import EIGHTHS, best_eighths, code_positions, repeated_share, walk_of
+from .positions import EIGHTHS, best_eighths, code_positions, repeated_share, told_of, walk_of
 from .range_coder import RangeDecoder, RangeEncoder
 
 HEAD_SIZE = 3  # flags, step
@@ -51,15 +51,16 @@ class PositionEncoder:
         faces = _least_first(faces)
         encode_marks(self._encoder, faces, numbering.vertices[mesh.sharp])
         self._vertices, self._walk = numbering.vertices, walk_of(faces)
+        self._told = told_of(self._walk)
 
     def body(self, mesh: ControlMesh) -> bytes:
         """The body of the section."""
         turned = tuple(mesh.quaternion) != UNTURNED
         positions = np.empty_like(mesh.positions)
         positions[self._vertices] = mesh.positions
-        eighths = best_eighths(self._walk, positions)
+        eighths = best_eighths(self._told, positions)
         stream, repeats = self._stream(eighths, False, positions), 0
-        if repeated_share(self._walk, positions) > FEW_REPEATED:
+        if repeated_share(self._told, positions) > FEW_REPEATED:
             other = self._stream(eighths, True, positions)
             if len(other) < len(stream):
                 stream, repeats = other, REPEATS
