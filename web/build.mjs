@@ -17,10 +17,10 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "adaptive", "after", "below", "bias", "bit", "bodies", "code", "controlVertices", "count", "digits", "divided", "edges", "ends", "evaluate",
+  "adaptive", "below", "bias", "bit", "bodies", "code", "count", "digits", "divided", "evaluate",
   "finish", "frequencies", "header", "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network",
-  "nonzero", "normalised", "ofCorner", "ofHalf", "ofNew", "ofSector", "opposite", "outputs", "range", "raw", "read", "refined",
-  "sharpness", "split", "starts", "take", "topology", "valences", "widen", "winding", "zero",
+  "nonzero", "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "read", "refined",
+  "sharpness", "split", "starts", "topology", "valences", "widen", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */
@@ -29,7 +29,7 @@ async function smaller(code, map, path) {
     module: true,
     ecma: 2020,
     compress: { passes: 5, pure_getters: true, hoist_funs: true, unsafe_arrows: !!path }, // three.js has functions that are constructors
-    mangle: path === "dist/index.js" ? { properties: { regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
+    mangle: path === "dist/index.js" ? { properties: { builtins: true, regex: new RegExp(`^(${OWN.join("|")})$`) } } : {},
     ...(path && { sourceMap: { ...map, url: `${path.split("/").pop()}.map` } }),
   });
   if (path) writeFileSync(`${path}.map`, out.map);

@@ -14,20 +14,6 @@ function close(found, wanted, tolerance, what) {
   }
 }
 
-/** The edges of a mesh as the specification numbers them, and how many faces each has. */
-function edgesOf(faces) {
-  const counts = new Map();
-  for (const [a, b, c] of faces) {
-    for (const ends of [[a, b], [b, c], [c, a]]) {
-      const key = String(ends.sort((x, y) => x - y));
-      counts.set(key, (counts.get(key) ?? 0) + 1);
-    }
-  }
-  return [...counts]
-    .map(([key, faces]) => ({ ends: key.split(",").map(Number), faces }))
-    .sort(({ ends: [a, b] }, { ends: [c, d] }) => a - c || b - d);
-}
-
 for (const [name, wanted] of Object.entries(expected)) {
   test(name, async (t) => {
     const bytes = bytesOf(vector(name));
@@ -65,9 +51,12 @@ for (const [name, wanted] of Object.entries(expected)) {
       assert.equal(control.step, wanted.step);
       assert.deepEqual([...control.positions], wanted.positions.flat());
       assert.deepEqual([...control.faces], wanted.faces.flat());
-      const sharp = edgesOf(wanted.faces).filter(({ faces }, e) => control.sharp[e] && faces === 2);
-      assert.deepEqual(sharp.map(({ ends }) => ends), wanted.sharp);
+      const { ends, ofHalf, opposite } = control.edges;
+      const inner = new Set(ofHalf.filter((_, h) => opposite[h] >= 0));
+      const sharp = [...control.sharp.keys()].filter((e) => control.sharp[e] && inner.has(e));
+      assert.deepEqual(sharp.flatMap((e) => [ends[2 * e], ends[2 * e + 1]]), wanted.sharp.flat());
       assert.equal(model.closed && model.oriented, wanted.solid);
+      assert.equal(model.controlVertices().length, control.positions.length);
     });
     if (!wanted.solid) {
       await t.test("a sheet has no inside", () => assert.throws(() => model.contains([0, 0, 0]), SheetError));

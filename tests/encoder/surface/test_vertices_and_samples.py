@@ -7,6 +7,7 @@ from math import inf
 from types import SimpleNamespace
 from typing import Any
 
+import manifolds
 import numpy as np
 import pytest
 import trimesh
@@ -108,6 +109,26 @@ def test_a_file_that_can_hold_the_inputs_own_faces_does():
     assert made.error < 0.004  # a smooth surface has 0.017
     few = encode_surface(*arrays(rough), replace(settings, target_size=700), 50, 0, no_stage, Deadline(inf))
     assert len(few.mesh.positions) < 400
+
+
+@pytest.mark.parametrize(("size", "nearly"), [(1500, True), (600, False)])
+def test_nearly_all_faces_are_tried_where_coordinates_repeat(monkeypatch, size, nearly):
+    # Steps of a few heights over a square lattice.
+    n = 24
+    x, y = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    heights = 2 * np.random.default_rng(1).integers(0, 4, n * n)
+    vertices = np.column_stack([x.ravel(), y.ravel(), heights]) / n - 0.5
+    faces = manifolds.grid(n - 1, n - 1).astype(np.int64)
+    counts = []
+
+    def to(self: Any, n_faces: int) -> Any:
+        counts.append(n_faces)
+        return made(self, n_faces)
+
+    made = to_size._Simplify.to
+    monkeypatch.setattr(to_size._Simplify, "to", to)
+    encode_surface(vertices, faces, replace(FAST, samples=5000, target_size=size), 50, 0, no_stage, Deadline(inf))
+    assert (round(0.9 * len(faces)) in counts) == nearly
 
 
 def test_coarser_steps_are_tried_where_edges_are_sharp():

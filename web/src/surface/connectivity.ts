@@ -214,8 +214,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     for (let again = true; again; ) {
       again = false;
       for (let k = LEVELS - 1; k >= 0; k--) {
-        const queue = queues[k]!;
-        for (let N = queue.take(); N >= 0; N = queue.take()) {
+        for (const N of queues[k]!) {
           if (dropped[N]) continue;
           if (level(N) === k) return N;
           push(N);

@@ -16,6 +16,9 @@ export interface Edges {
 export const nextHalf = (h: number): number => (h % 3 === 2 ? h - 2 : h + 1);
 export const previousHalf = (h: number): number => (h % 3 ? h - 1 : h + 2);
 
+/** So many numbers that are still to be found. */
+export const unset = (size: number): Int32Array => new Int32Array(size).fill(-1);
+
 /** The edge at vertex v after that of half-edge h: the half-edges of both are in the face across h. -1 at a boundary. */
 export function around(v: number, h: number, faces: Int32Array, opposite: Int32Array): number {
   const o = opposite[h]!;
@@ -25,9 +28,8 @@ export function around(v: number, h: number, faces: Int32Array, opposite: Int32A
 /** The edges of faces. Throws PayloadError where they are not a two-manifold, with boundary or without. */
 export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
-  const list = (size: number): Int32Array => new Int32Array(size).fill(-1);
-  const first = list(nVertices);
-  const after = list(n);
+  const first = unset(nVertices);
+  const after = unset(n);
   // Half-edges in order of their edges. So many numbers fit into a double: a file's vertices make 2^33 pairs at most.
   const order = new Float64Array(n);
   for (let h = n - 1; h >= 0; h--) {
@@ -42,7 +44,7 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   }
   order.sort();
   const ofHalf = new Int32Array(n);
-  const opposite = list(n);
+  const opposite = unset(n);
   const ends: number[] = [];
   let before = -1;
   let last = -1;

@@ -61,7 +61,7 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
   };
 
   for (let h = 0; h < faces.length; h++) {
-    for (let v = lines.take(); v >= 0; v = lines.take()) if (nSharp[v] === 1) follow(v);
+    for (const v of lines) if (nSharp[v] === 1) follow(v);
     const edge = ofHalf[h]!;
     if (!todo[edge]) continue;
     const i = Math.min(nSharp[faces[h]!]!, 2);

@@ -1,6 +1,6 @@
 /** Positions of control vertices: spec/cndhf.md, section 4.5. */
 import { PayloadError } from "../errors.js";
-import { type Edges, nextHalf, previousHalf } from "./manifold.js";
+import { type Edges, nextHalf, previousHalf, unset } from "./manifold.js";
 import { SignedModel } from "./models.js";
 import { Queue } from "./queue.js";
 import { contexts, type RangeDecoder } from "./rangeCoder.js";
@@ -19,9 +19,9 @@ export function decodePositions(
   const at = new Int32Array(3 * nVertices);
   const placed = new Uint8Array(nVertices);
   const missing = new Uint8Array(faces.length / 3).fill(3);
-  const near = new Int32Array(nVertices).fill(-1);
+  const near = unset(nVertices);
   const foretelling = new Int32Array(nVertices); // how many faces foretell a vertex that is not placed
-  const queues = [new Queue(), new Queue(), new Queue()]; // vertices that 2, 1 and 0 faces foretell
+  const queues = Array.from({ length: 3 }, () => new Queue()); // vertices that 2, 1 and 0 faces foretell
   const told = new SignedModel();
   const untold = new SignedModel();
   const same = contexts(48);
@@ -62,8 +62,7 @@ export function decodePositions(
       const isFull = --missing[start / 3]! === 0;
       for (let h = start; h < start + 3; h++) {
         if (isFull) {
-          const o = opposite[h]!;
-          const w = o < 0 ? v : faces[previousHalf(o)]!;
+          const w = faces[previousHalf(opposite[h]!)] ?? v;
           if (!placed[w]) queues[2 - ++foretelling[w]!]?.push(w);
         } else {
           const w = faces[h]!;
@@ -77,7 +76,7 @@ export function decodePositions(
   };
 
   const next = (): number => {
-    for (const queue of queues) for (let v = queue.take(); v >= 0; v = queue.take()) if (!placed[v]) return v;
+    for (const queue of queues) for (const v of queue) if (!placed[v]) return v;
     return -1;
   };
 

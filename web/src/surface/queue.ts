@@ -7,8 +7,8 @@ export class Queue {
     this.items.push(item);
   }
 
-  /** The first item, taken out; -1 when there is none. */
-  take(): number {
-    return this.at < this.items.length ? this.items[this.at++]! : -1;
+  /** Takes items out, one after the other, those that are added meanwhile too. */
+  *[Symbol.iterator](): Generator<number> {
+    while (this.at < this.items.length) yield this.items[this.at++]!;
   }
 }

@@ -1,5 +1,5 @@
 /** Sectors of vertices and their normals on the limit surface: spec/cndhf.md, section 6.2. */
-import { nextHalf, previousHalf } from "./manifold.js";
+import { nextHalf, previousHalf, unset } from "./manifold.js";
 import { divideCorners, type Topology } from "./subdivision.js";
 import { arm, cross, dot, u, v, w } from "./vectors.js";
 
@@ -70,7 +70,7 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   const scale = 4 ** (steps.length - 1); // corner h is corner 4 h after a step
   const neighbour = (h: number, vertex: number): number => (last ? nFinest + last.mesh.ofHalf[h]! : vertex);
   vertices = last?.refined ?? vertices;
-  const first: Int32Array = new Int32Array(faces.length).fill(-1);
+  const first = unset(faces.length);
   for (let h = 0; h < faces.length; h++) {
     if (first[h]! >= 0) continue;
     const vertex = faces[h]!;
@@ -97,7 +97,7 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
   steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, refined, divided }, k) => {
     const nOld = valences.length;
     if (k) ofCorner.push(divideCorners(ofCorner[k - 1]!, ofNew[k - 1]!));
-    const made = new Int32Array(faces.length).fill(-1);
+    const made = unset(faces.length);
     ofNew.push(made);
     vertices = refined;
     /** The neighbours of the new vertex of half-edge h that are in its face become the spokes from i on. */

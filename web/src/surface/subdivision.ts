@@ -1,5 +1,5 @@
 /** Loop subdivision with sharp edges, and its limit: spec/cndhf.md, section 6.2. */
-import { around, nextHalf, previousHalf } from "./manifold.js";
+import { around, nextHalf, previousHalf, unset } from "./manifold.js";
 
 /** Faces and edges of a mesh. Half-edge 3 f + k goes from corner k of face f to the next corner of that face. */
 export interface Topology {
@@ -135,7 +135,7 @@ export function divide({ faces, ofHalf, opposite, sharp, valences, sharpness }: 
   const out: Topology = {
     faces: divideCorners(faces, ofHalf.map((e) => nOld + e)),
     ofHalf: new Int32Array(4 * n),
-    opposite: new Int32Array(4 * n).fill(-1),
+    opposite: unset(4 * n),
     sharp: new Uint8Array(2 * nEdges + n),
     valences: new Int32Array(nOld + nEdges).fill(6),
     sharpness: new Int32Array(nOld + nEdges),
