@@ -97,6 +97,16 @@ def _near(indptr: I32, indices: I32, v: int, coordinates: I64 | F64, counted: Ma
 
 
 @nb.njit(cache=True)
+def _meets(indptr: I32, indices: I32, v: int, place: I64 | F64, places: I64 | F64, counted: Mask, half: float) -> bool:
+    """Whether one of the neighbours of v that are counted is at this place, less than half a step off."""
+    for p in range(indptr[v], indptr[v + 1]):
+        w = indices[p]
+        if w != v and counted[w] and np.abs(places[w] - place).max() < half:
+            return True
+    return False
+
+
+@nb.njit(cache=True)
 def _move(
     indptr: I32, indices: I32, blocks: F64, damping: float, step: float, price: float, gradient: F64, grid: I64
 ) -> None:
@@ -117,6 +127,9 @@ def _move(
                 if move == 0:
                     continue
                 grid[v, k] += move
+                if price > 0 and _meets(indptr, indices, v, grid[v], grid, counted, 0.5):
+                    grid[v, k] -= move
+                    continue
                 gradient[v, k] += damping * move * step
                 for p in range(indptr[v], indptr[v + 1]):
                     for x in range(3):
@@ -166,18 +179,23 @@ def _round(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, 
             for j in range(i):
                 y[i] -= root[i, j] * y[j]
             y[i] /= root[i, i]
-        move = np.zeros(size)
-        for k in range(2, -1, -1):
-            i = rest + k
-            wish = -y[i]
-            for j in range(k + 1, 3):
-                wish -= root[rest + j, i] * move[rest + j]
-            wish /= root[i, i]
-            logs += 2 * np.log(root[i, i])
-            if step > 0:
-                unit = (root[i, i] * step) ** 2 / 2
-                near = _near(indptr, indices, v, places[:, k], done if price > 0 else none) / step
-                move[i] = _nearest((places[v, k] + wish) / step, unit, price, near) * step - places[v, k]
+        move, asked = np.zeros(size), price
+        while True:
+            for k in range(2, -1, -1):
+                i = rest + k
+                wish = -y[i]
+                for j in range(k + 1, 3):
+                    wish -= root[rest + j, i] * move[rest + j]
+                wish /= root[i, i]
+                logs += 2 * np.log(root[i, i])
+                if step > 0:
+                    unit = (root[i, i] * step) ** 2 / 2
+                    near = _near(indptr, indices, v, places[:, k], done if asked > 0 else none) / step
+                    move[i] = _nearest((places[v, k] + wish) / step, unit, asked, near) * step - places[v, k]
+            # A vertex must not repeat all coordinates of another.
+            if asked == 0 or not _meets(indptr, indices, v, places[v] + move[rest:], places, done, step / 2):
+                break
+            asked = 0.0
         if step == 0:
             for i in range(m):
                 number[free[i]] = -1

@@ -121,3 +121,6 @@ def test_a_price_makes_coordinates_repeat_and_costs_little():
     assert errors[1] < 1.3 * errors[0]
     moved = polished(basis, target, plain, step, price)
     assert repeated(moved) > repeated(plain)
+    # No price makes neighbours meet: faces would vanish.
+    for grid in (rounding.to(step, 1e4 * price), polished(basis, target, plain, step, 1e4 * price)):
+        assert (grid[sharp[:, 0]] != grid[sharp[:, 1]]).any(axis=1).all()
