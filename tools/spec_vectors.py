@@ -198,9 +198,8 @@ VALID: dict[str, Callable[[], bytes]] = {
     "surface-grid": lambda: surface(manifolds.TETRAHEDRON, extreme(), 0.0, step=2.0**-19),
     "surface-far-centre": lambda: surface(RING, torus(9, 5), 0.05, centre=(4.5e6 + 1 / 3, -5e6 - 0.1, 1e-3)),
     "surface-sections": lambda: with_sections(surface(manifolds.grid(2, 2), None, 0.1)),
-    "surface-encoded": lambda: encoded("surface"),
+    "surface-encoded": lambda: encoded("surface"),  # made before coordinates could repeat
     "surface-repeats": lambda: surface(RING, torus(9, 5), 0.2, step=2.0**-5),
-    # The former was made before coordinates could repeat.
     "surface-repeats-encoded": lambda: encoded("surface"),
     "dhf-zstd": lambda: fields(1, record((20, 2), normal(1)), record((20, 2), normal(2), turn=TURNED, fold=1)),
     "dhf-zstd-wide": lambda: fields(1, record((5, 1), normal(3), first=900, octaves=2)),

@@ -34,10 +34,10 @@ def parts_of(mesh: ControlMesh) -> tuple[int, int, int]:
     encode_marks(encoder, mesh.faces, mesh.sharp)
     marks = len(encoder.finish())
     walk = walk_of(mesh.faces)
-    positions = []
+    eighths, positions = best_eighths(told_of(walk), mesh.positions), []
     for repeats in (False, True):
         encoder = RangeEncoder()
-        code_positions(encoder, walk, best_eighths(told_of(walk), mesh.positions), repeats, mesh.positions)
+        code_positions(encoder, walk, eighths, repeats, mesh.positions)
         positions.append(len(encoder.finish()))
     return connectivity, marks, min(positions)
 

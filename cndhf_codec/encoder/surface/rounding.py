@@ -112,7 +112,7 @@ def _move(
 ) -> None:
     """Move grid coordinates (V, 3) one after the other to where the form is least, given the others. gradient: (V, 3)
     of the form, kept up to date."""
-    counted = np.full(len(grid), price > 0)
+    counted, nothing = np.ones(len(grid), dtype=np.bool_), np.empty(0)
     for _ in range(SWEEPS):
         for v in range(len(grid)):
             own = indptr[v]
@@ -122,7 +122,7 @@ def _move(
                 form = blocks[own, k, k] + damping
                 wish = -gradient[v, k] / (form * step)
                 wish = grid[v, k] + min(max(wish, -FARTHEST), FARTHEST)
-                near = _near(indptr, indices, v, grid[:, k], counted)
+                near = _near(indptr, indices, v, grid[:, k], counted) if price > 0 else nothing
                 move = _nearest(wish, form * step * step / 2, price, near) - grid[v, k]
                 if move == 0:
                     continue
@@ -142,7 +142,7 @@ def _round(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, 
     n = len(places)
     logs = 0.0
     gradient = np.zeros((n, 3))
-    done, none = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    done, nothing = np.zeros(n, dtype=np.bool_), np.empty(0)
     number = np.full(n, -1)
     free, ties = np.empty(n, dtype=np.int64), np.empty(n)
     for v in range(n):
@@ -190,7 +190,7 @@ def _round(indptr: I32, indices: I32, blocks: F64, damping: float, step: float, 
                 logs += 2 * np.log(root[i, i])
                 if step > 0:
                     unit = (root[i, i] * step) ** 2 / 2
-                    near = _near(indptr, indices, v, places[:, k], done if asked > 0 else none) / step
+                    near = _near(indptr, indices, v, places[:, k], done) / step if asked > 0 else nothing
                     move[i] = _nearest((places[v, k] + wish) / step, unit, asked, near) * step - places[v, k]
             # A vertex must not repeat all coordinates of another.
             if asked == 0 or not _meets(indptr, indices, v, places[v] + move[rest:], places, done, step / 2):

@@ -116,9 +116,10 @@ def surface_of_size(
         best = _better(best, tried(n_faces), size)
     # A file that holds most of the input's own faces may hold them nearly as they are.
     if wanted >= OWN_FACES * len(given.faces):
-        nearly = count(NEARLY_ALL * len(given.faces))
-        repeats = bool(best.sized.body[0] & REPEATS) and 2 * 8 * size >= LEAST_BITS * nearly
-        for own in (count(wanted), nearly) if repeats else (count(wanted),):
+        owns, nearly = [count(wanted)], count(NEARLY_ALL * len(given.faces))
+        if best.sized.body[0] & REPEATS and 2 * 8 * size >= LEAST_BITS * nearly:
+            owns.append(nearly)
+        for own in owns:
             if own not in counts and pace.more:
                 work.tried(1 + others, best)
                 best = _better(best, tried(own), size)
