@@ -12,7 +12,7 @@ from ..errors import require
 from .connectivity import edges_of
 from .distances import point_distances
 from .repair import repair
-from .sampling import draw_faces, fibonacci_sphere, points_in
+from .sampling import area_normals, draw_faces, face_areas, fibonacci_sphere, points_in
 
 RAYS_AT_ONCE = 2**18
 RAY_OFFSET = 1e-4  # rays from the surface start this far from it (normalised units)
@@ -44,14 +44,14 @@ class Solid:
         construction = require("embreex.mesh_construction", "compare")
         self.vertices = vertices
         self.given = faces[np.argsort(_morton(vertices[faces].mean(axis=1)), kind="stable")]
-        given_areas = np.linalg.norm(_cross(vertices, self.given), axis=1) / 2
+        given_areas = face_areas(vertices, self.given)
         self.repaired = repaired = repair(self.given, given_areas, len(vertices))
         self.faces = repaired.faces
         self._scene = scene.EmbreeScene(robust=True)
         self._geometry = construction.TriangleMesh(
             self._scene, vertices.astype(np.float32), self.faces.astype(np.int32)
         )
-        cross = _cross(vertices, self.faces)
+        cross = area_normals(vertices, self.faces)
         length = np.linalg.norm(cross, axis=1)
         # Normalising can round a sliver to nothing: it then has no normal, and no weight.
         self.normals = cross / np.where(length > 0, length, 1)[:, None]
@@ -143,12 +143,6 @@ class Solid:
         if not unseen.all() and inward[~unseen].all():
             inward |= unseen  # the mesh was inside out, and so were patches that no ray meets: cavities stay so
         return inward[patch]
-
-
-def _cross(vertices: F64, faces: I64) -> F64:
-    """(M, 3) normals of faces, with twice their areas as lengths."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
 
 
 def signed_volumes(vertices: F64, faces: I64) -> F64:

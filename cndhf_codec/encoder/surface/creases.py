@@ -15,6 +15,7 @@ from ...arrays import F64, I64, Mask
 from ...decoder.surface.subdivision import topology_of
 from ...format.surface.marks import encode_marks
 from ...format.surface.range_coder import RangeEncoder
+from ...mesh.sampling import area_normals
 from .basis import Basis, coarsest_basis
 from .cut import Manifold
 from .fit import fit, mean_errors
@@ -119,8 +120,7 @@ def _mark_bits(mesh: Manifold, sharp: I64) -> int:
 
 def _angles(mesh: Manifold, face_edges: I64, n_edges: int) -> F64:
     """(E,) the angle between the two faces of each edge."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    cross = np.cross(b - a, c - a)
+    cross = area_normals(mesh.vertices, mesh.faces)
     normals = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
     # |n1 + n2|^2 = 2 + 2 cos for two faces.
     total = np.zeros((n_edges, 3))

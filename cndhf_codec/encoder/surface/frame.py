@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ...arrays import F64, I64
 from ...format.constants import QUATERNION_MAX_NORM, QUATERNION_MIN_NORM, QUATERNION_ONE
+from ...mesh.sampling import area_normals
 
 Quaternion = tuple[int, int, int, int]
 
@@ -46,7 +47,7 @@ def turned_frame(vertices: F64, faces: I64) -> Quaternion | None:
 
 def _directions(vertices: F64, faces: I64) -> tuple[F64, F64]:
     """(K, 3) directions of faces, up to sign, and the share of the area that each has, the largest first."""
-    cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    cross = area_normals(vertices, faces)
     areas = np.linalg.norm(cross, axis=1)
     normals, areas = cross[areas > 0] / areas[areas > 0, None], areas[areas > 0]
     largest = np.abs(normals).argmax(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import F64, I64
-from ...mesh.sampling import cover_evenly
+from ...mesh.sampling import area_normals, cover_evenly
 from .nearest import Tree
 
 
@@ -17,7 +17,7 @@ class Target(Tree):
 
     def __init__(self, vertices: F64, faces: I64, n_samples: int, seed: int) -> None:
         super().__init__(vertices, faces)
-        cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+        cross = area_normals(vertices, faces)
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         self.face_normals = cross / np.where(length > 0, length, 1)
         # In the tree's order neighbours follow each other; a seed begins elsewhere in it.
