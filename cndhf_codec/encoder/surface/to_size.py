@@ -73,94 +73,133 @@ def surface_of_size(
     given: Manifold, target: Target, size: int, settings: SurfaceSettings, stage: Stage, deadline: Deadline
 ) -> Sized:
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
-    wanted = 2 * 8 * size / BITS_PER_VERTEX
-    simplify = _Simplify(given, round(START * wanted))
-    work = _Work(settings, stage)
-    pace = Pace(deadline)
-    mesh = simplify.to(round(wanted))
-    simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
-    first = on_grid(simple.best, mesh, target, size, 0, final=False)
-    work.first(simple.best, first.error)
-    pace.done()
-    first_time = pace.last
-    if deadline.left() < LEAST_TRY * first_time:
-        raise EncodeError(
-            "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
+    tries = _Tries(given, target, size, settings, _Work(settings, stage), deadline)
+    tries.fill()
+    tries.own_faces()
+    if len(tries.best.sized.body) > size:
+        return tries.best.sized
+    tries.balance()
+    tries.others()
+    return tries.edits()
+
+
+class _Tries:
+    """Fits of different numbers of faces, and the best of them so far."""
+
+    def __init__(
+        self,
+        given: Manifold,
+        target: Target,
+        size: int,
+        settings: SurfaceSettings,
+        work: _Work,
+        deadline: Deadline,
+    ) -> None:
+        self._given, self._target, self._size, self._settings = given, target, size, settings
+        self._work, self._deadline = work, deadline
+        self._counts: set[int] = set()  # of faces, that were tried
+        self._left = 1 + len(settings.other_counts)  # tries that are foreseen, the next one included
+        self._wanted = 2 * 8 * size / BITS_PER_VERTEX
+        self._simplify = _Simplify(given, round(START * self._wanted))
+        self._pace = Pace(deadline)
+        mesh = self._simplify.to(round(self._wanted))
+        simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
+        self._faceted = simple.faceted
+        first = on_grid(simple.best, mesh, target, size, 0, final=False)
+        work.first(simple.best, first.error)
+        self._pace.done()
+        self._first_time = self._pace.last
+        if deadline.left() < LEAST_TRY * self._first_time:
+            raise EncodeError(
+                "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
+            )
+        self.best = self._made(self._count(self._wanted * _times(first, len(mesh.vertices), size)))
+
+    def fill(self) -> None:
+        """Other numbers where the file is too large, or not full."""
+        for _ in range(REFILLS):
+            n_bytes = len(self.best.sized.body)
+            n_faces = self._count(len(self.best.mesh.faces) * self._size / n_bytes)
+            is_full = CLOSE * self._size <= n_bytes <= self._size
+            if is_full or not self._another(n_faces, is_needed=n_bytes > self._size):
+                break
+
+    def own_faces(self) -> None:
+        """A file that holds most of the input's own faces may hold them nearly as they are."""
+        if self._wanted < OWN_FACES * len(self._given.faces):
+            return
+        numbers, nearly = [self._count(self._wanted)], self._count(NEARLY_ALL * len(self._given.faces))
+        if self.best.sized.body[0] & REPEATS and 2 * 8 * self._size >= LEAST_BITS * nearly:
+            numbers.append(nearly)
+        for n_faces in numbers:
+            self._another(n_faces)
+
+    def balance(self) -> None:
+        """Numbers that what rounding adds says are better."""
+        powers = FIRST_POWERS
+        for _ in range(BALANCINGS):
+            best = self.best
+            times = _balanced(best, powers, self._settings.least_foretold)
+            made = self._another(self._count(times * len(best.mesh.faces)))
+            if made is None:
+                break
+            powers = _power(best.one, made.one)
+
+    def others(self) -> None:
+        """Another number gives another mesh. On mechanical parts errors of like meshes differ by a tenth."""
+        around = len(self.best.mesh.faces)
+        for factor in self._settings.other_counts:
+            self._left -= 1
+            self._another(self._count(factor * around))
+        self._work.tried(0, self.best)
+
+    def edits(self) -> Sized:
+        """The best one, or it with edges flipped, collapsed and split, where that pays."""
+        (sized, mesh, one), target, settings = self.best, self._target, self._settings
+        if settings.edits == 0 or not self._pace.more:
+            return sized
+        mesh, one = edited(
+            one,
+            mesh,
+            target,
+            _levels(mesh),
+            8 * self._size,
+            settings.edits,
+            self._deadline.before(self._pace.last),  # what comes after takes no longer than a try
+            lambda cycles, error: self._work.edited(settings.edits - cycles, one, error),
         )
+        control = fit(one.basis, target, one.control, settings.trial_rounds)
+        error = float(mean_errors(one.basis, target, control).sum())
+        again = on_grid(one._replace(control=control, error=error), mesh, target, self._size, settings.grid_steps)
+        # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
+        is_better = len(again.body) <= self._size and again.error < (1 - LEAST_GAIN) * sized.error
+        return again if is_better else sized
 
-    counts: set[int] = set()  # of faces, that were tried
+    def _count(self, n_faces: float) -> int:
+        return min(max(round(n_faces), LEAST_FACES), len(self._given.faces))
 
-    def count(n_faces: float) -> int:
-        return min(max(round(n_faces), LEAST_FACES), len(given.faces))
-
-    def tried(n_faces: int) -> _Try:
-        # Further rounds are for what is left after a try without them.
-        spare = max(deadline.left() - LEAST_TRY * first_time, 0.0)
-        rounds = int(min(settings.rounds, spare / (ROUND_SHARE * first_time)))
-        mesh = simplify.to(n_faces)
-        counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
-        faceted = simple.faceted or n_faces == len(given.faces)
-        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
-        made = _Try(on_grid(one, mesh, target, size, settings.grid_steps), mesh, one)
-        pace.done()
+    def _another(self, n_faces: int, is_needed: bool = False) -> _Try | None:
+        """One more try; the better is kept. None of a number that was tried, nor without time if not needed."""
+        if n_faces in self._counts or not (self._pace.more or is_needed):
+            return None
+        self._work.tried(self._left, self.best)
+        made = self._made(n_faces)
+        # Of less error, if both fit; else the one that fits, or is smaller.
+        self.best = min(self.best, made, key=lambda one: (max(len(one.sized.body), self._size), one.sized.error))
         return made
 
-    others = len(settings.other_counts)
-    best = tried(count(wanted * _times(first, len(mesh.vertices), size)))
-    for _ in range(REFILLS):
-        n_bytes = len(best.sized.body)
-        n_faces = count(len(best.mesh.faces) * size / n_bytes)
-        if n_faces in counts or (n_bytes <= size and (n_bytes >= CLOSE * size or not pace.more)):
-            break
-        work.tried(1 + others, best)
-        best = _better(best, tried(n_faces), size)
-    # A file that holds most of the input's own faces may hold them nearly as they are.
-    if wanted >= OWN_FACES * len(given.faces):
-        owns, nearly = [count(wanted)], count(NEARLY_ALL * len(given.faces))
-        if best.sized.body[0] & REPEATS and 2 * 8 * size >= LEAST_BITS * nearly:
-            owns.append(nearly)
-        for own in owns:
-            if own not in counts and pace.more:
-                work.tried(1 + others, best)
-                best = _better(best, tried(own), size)
-    if len(best.sized.body) > size:
-        return best.sized
-    powers = FIRST_POWERS
-    for _ in range(BALANCINGS):
-        n_faces = count(_balanced(best, powers, settings.least_foretold) * len(best.mesh.faces))
-        if n_faces in counts or not pace.more:
-            break
-        work.tried(1 + others, best)
-        made = tried(n_faces)
-        powers = _power(best.one, made.one)
-        best = _better(best, made, size)
-    # Another number of vertices gives another mesh. On mechanical parts errors of like meshes differ by a tenth.
-    around = len(best.mesh.faces)
-    for k, factor in enumerate(settings.other_counts):
-        n_faces = count(factor * around)
-        if n_faces in counts or not pace.more:
-            continue
-        work.tried(others - k, best)
-        best = _better(best, tried(n_faces), size)
-    work.tried(0, best)
-    sized, mesh, one = best
-    if settings.edits == 0 or not pace.more:
-        return sized
-    mesh, one = edited(
-        one,
-        mesh,
-        target,
-        _levels(mesh),
-        8 * size,
-        settings.edits,
-        deadline.before(pace.last),  # what comes after takes no longer than a try
-        lambda cycles, error: work.edited(settings.edits - cycles, one, error),
-    )
-    control = fit(one.basis, target, one.control, settings.trial_rounds)
-    error = float(mean_errors(one.basis, target, control).sum())
-    again = on_grid(one._replace(control=control, error=error), mesh, target, size, settings.grid_steps)
-    # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
-    return again if len(again.body) <= size and again.error < (1 - LEAST_GAIN) * sized.error else sized
+    def _made(self, n_faces: int) -> _Try:
+        settings, target = self._settings, self._target
+        # Further rounds are for what is left after a try without them.
+        spare = max(self._deadline.left() - LEAST_TRY * self._first_time, 0.0)
+        rounds = int(min(settings.rounds, spare / (ROUND_SHARE * self._first_time)))
+        mesh = self._simplify.to(n_faces)
+        self._counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
+        faceted = self._faceted or n_faces == len(self._given.faces)
+        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
+        made = _Try(on_grid(one, mesh, target, self._size, settings.grid_steps), mesh, one)
+        self._pace.done()
+        return made
 
 
 class _Work:
@@ -224,11 +263,6 @@ class _Simplify:
         coarse = n_faces <= self._start.n_faces
         less = (self._start.copy() if coarse else Simplifier.of(given.vertices, given.faces)).to(n_faces)
         return cut(less.vertices, less.faces)
-
-
-def _better(best: _Try, other: _Try, size: int) -> _Try:
-    """Of less error, if both fit; else the one that fits, or is smaller."""
-    return min(best, other, key=lambda one: (max(len(one.sized.body), size), one.sized.error))
 
 
 def _times(first: Sized, n_vertices: int, size: int) -> float:
