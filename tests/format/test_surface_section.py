@@ -19,7 +19,7 @@ from cndhf_codec.errors import ChecksumError, FormatError, OptionError, SectionE
 from cndhf_codec.format import Container, ControlMesh, Metadata, dumps, loads, loads_prefix, read_header, section_sizes
 from cndhf_codec.format.surface.manifold import edges_of, fault
 from cndhf_codec.format.surface.positions import MAX_POSITION
-from cndhf_codec.format.surface.section import REPEATS, encode_surface
+from cndhf_codec.format.surface.section import REPEATS, PositionEncoder, encode_surface
 from cndhf_codec.format.writer import other_bytes
 
 UNTURNED = (0, 0, 0, 32767)
@@ -148,6 +148,20 @@ def test_coordinates_that_repeat_are_nearly_free():
         back = loads(dumps(Container((0.0, 0.0, 0.0), 1.0, surface=each))).surface
         assert back is not None
         assert same_shape(back, each)
+
+
+@pytest.mark.parametrize(
+    ("values", "ways"),
+    [(1000 * np.arange(3), [True]), (np.arange(8), [False]), (np.array([0, 1, 2, 4, 6]), [False, True])],
+)
+def test_one_way_is_coded_when_it_is_clearly_better(monkeypatch, values, ways):
+    mesh = control_mesh(manifolds.voxels(np.ones((6, 5, 4), dtype=bool)), 1, sharp=0.0)
+    mesh = replace(mesh, positions=np.random.default_rng(2).choice(values, mesh.positions.shape).astype(np.int32))
+    coded, stream = [], PositionEncoder._stream
+    monkeypatch.setattr(PositionEncoder, "_stream", lambda *given: [coded.append(given[2]), stream(*given)][1])
+    encoder = PositionEncoder(mesh)
+    assert encoder.body(mesh) == encoder.body(mesh) == encode_surface(mesh)
+    assert coded == [False, True, *ways, False, True]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -29,6 +29,9 @@ POSITIONS_SHARE, TOLD_BITS = 0.8, 1.5
 POWER = 1.5  # of the number of bits, with which errors of mechanical parts fall
 MOSTLY_SMOOTH = 0.9  # share of the edges
 FINEST, COARSEST = 2.0**-17, 0.1  # steps: the finest is less than a thousandth of a percent of the diagonal
+HOPELESS = 1.5  # times the best error: next steps and polishing take a third off at most
+NARROW = 1.02  # between steps so near each other there is nothing to be found
+FEWER = 4  # of so many samples one is enough to choose among steps
 MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 
 
@@ -41,26 +44,30 @@ class Sized(NamedTuple):
     error: float
 
 
-def on_grid(one: Fitted, mesh: Manifold, target: Target, size: int, steps: int, final: bool = True) -> Sized:
+def on_grid(
+    one: Fitted, mesh: Manifold, target: Target, size: int, steps: int, best: float = math.inf, final: bool = True
+) -> Sized:
     """The best file of a fit, of at most `size` bytes if one is.
 
     The step is that of the formula of `to_size.py`, or one that fills the file: any coarser one, or one a little finer.
     Where edges are sharp, so many of the next coarser `steps` are tried: flat faces are met or missed as a whole, by
     where they lie on the grid, so that steps a hundredth apart have errors a tenth apart. The best is polished, if
-    that pays. Where coordinates repeat, all of this is tried with more of them, too. final: whether more is asked for
-    than the bytes at the formula's step.
+    that pays. Where coordinates repeat, all of this is tried with more of them, too. best: an error to be less than;
+    what has no hope of it is left as it is rounded. final: whether more is asked for than the bytes at the formula's
+    step.
     """
     grids = _Grids(one, mesh, target, size)
     if not final:
         return grids.filled(grids.ideal, 0.0, tries=1)._replace(error=one.error)
     filled = grids.filled(grids.ideal, 0.0)
     steps = steps if smooth_share(one) < MOSTLY_SMOOTH else 0
-    best = grids.polished(filled, 0.0, steps)
+    most = best * HOPELESS
+    made = grids.polished(filled, 0.0, steps, most)
     if filled.body[0] & REPEATS:
         price = grids.price()
-        other = grids.polished(grids.filled(filled.mesh.step, price), price, steps)
-        best = min(best, other, key=lambda made: (max(len(made.body), size), made.error))
-    return best
+        other = grids.polished(grids.filled(filled.mesh.step, price), price, steps, most)
+        made = min(made, other, key=lambda one: (max(len(one.body), size), one.error))
+    return made
 
 
 def smooth_share(one: Fitted) -> float:
@@ -93,7 +100,7 @@ class _Grids:
 
     def filled(self, step: float, price: float, tries: int = STEP_TRIES) -> Sized:
         """Rounded with the step that fills the file, sought from this one on."""
-        best = None
+        best, fine, coarse = None, 0.0, math.inf  # the coarsest step that is too fine, and the finest that is not
         for _ in range(tries):
             step = above(min(max(step, FINEST), COARSEST))
             made = self._coded(step, self._rounding.to(step, price))
@@ -102,34 +109,46 @@ class _Grids:
                 best = made
             if CLOSE * self._size <= n_bytes <= self._size:
                 break
+            if n_bytes > self._size:
+                fine = max(fine, step)
+            else:
+                coarse = min(coarse, step)
             # A bit more of each coordinate halves the step.
             bits = 8 * (0.995 * self._size - n_bytes)
             step = step * 2.0 ** (-bits / self._one.control.size)
+            # Not evenly where coordinates repeat: the step may be known to be too fine, or too coarse.
+            if 0 < fine < coarse < math.inf and not fine < step < coarse:
+                step = math.sqrt(fine * coarse)
             step = min(max(step, self.ideal / MOST_FINER, FINEST), COARSEST)
-            if above(step) == made.mesh.step:
+            if coarse < NARROW * fine or above(step) == made.mesh.step:
                 break
         assert best is not None
         return best
 
-    def polished(self, rounded: Sized, price: float, steps: int) -> Sized:
-        """The best of this step and the next coarser ones, polished if that pays."""
+    def polished(self, rounded: Sized, price: float, steps: int, most_error: float) -> Sized:
+        """The best of this step and the next coarser ones, polished if that pays. As it is if its error is larger."""
         step, grid = rounded.mesh.step, rounded.mesh.positions.astype(np.int64)
-        tried = [(self._error(step, grid), step, grid)]
-        for _ in range(steps):
-            step = above(step * NEXT_STEP)
-            grid = self._rounding.to(step, price)
-            tried.append((self._error(step, grid), step, grid))
-        found = [rounded._replace(error=tried[0][0])]
-        least, step, grid = min(tried, key=itemgetter(0))
+        found = [rounded._replace(error=self._error(step, grid, self._target))]
+        if found[0].error > most_error:
+            return found[0]
+        if steps:
+            few = self._target.every(FEWER)
+            tried = [(self._error(step, grid, few), step, grid)]
+            for _ in range(steps):
+                step = above(step * NEXT_STEP)
+                grid = self._rounding.to(step, price)
+                tried.append((self._error(step, grid, few), step, grid))
+            _, step, grid = min(tried, key=itemgetter(0))
         if step != rounded.mesh.step:
-            found.append(self._coded(step, grid)._replace(error=least))
+            found.append(self._coded(step, grid)._replace(error=self._error(step, grid, self._target)))
         most = max(self._size, len(rounded.body))
         # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
         for coarser in (step, above(1.01 * step)):
             start = grid if coarser == step else self._rounding.to(coarser, price)
             made = self._coded(coarser, polished(self._one.basis, self._target, start, coarser, price))
             if len(made.body) <= most:
-                found.append(made._replace(error=self._error(coarser, made.mesh.positions.astype(np.int64))))
+                error = self._error(coarser, made.mesh.positions.astype(np.int64), self._target)
+                found.append(made._replace(error=error))
                 break
         return min((made for made in found if len(made.body) <= most), key=lambda made: made.error)
 
@@ -137,9 +156,9 @@ class _Grids:
         control = replace(self._blank, step=step, positions=grid.astype(np.int32))
         return Sized(control, self._encoder.body(control), math.nan)
 
-    def _error(self, step: float, grid: I64) -> float:
+    def _error(self, step: float, grid: I64, target: Target) -> float:
         control = np.asarray(step * grid, dtype=np.float64)
-        return float(mean_errors(self._one.basis, self._target, control).sum())
+        return float(mean_errors(self._one.basis, target, control).sum())
 
     def _fill(self, made: Sized) -> int:
         """More is better: the bytes of what fits, and else how few they are."""

@@ -14,6 +14,7 @@ class SurfaceSettings:
     rounds: int = 8  # more, for the best of them
     samples: int = 40_000  # at least, of the input's surface, and of the fitted one
     samples_per_vertex: int = 40  # of the control mesh, at least
+    tries: int = 8  # of different numbers of faces, at most
     # Further tries with so many times the faces of the best until then; the best of all is kept.
     other_counts: tuple[float, ...] = (0.94, 1.06)
     # Another number of vertices is tried where that is foretold to take this share off the error.
@@ -30,6 +31,7 @@ FAST = replace(
     rounds=4,
     samples=20_000,
     samples_per_vertex=16,
+    tries=2,
     other_counts=(),
     least_foretold=0.15,
     grid_steps=6,
@@ -41,6 +43,7 @@ BEST = replace(
     rounds=16,
     samples=80_000,
     samples_per_vertex=80,
+    tries=12,
     other_counts=(0.88, 0.94, 0.97, 1.03, 1.06, 1.12),
     grid_steps=24,
     edits=8,

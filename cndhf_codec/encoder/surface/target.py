@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from ...arrays import F64, I64
@@ -26,3 +28,9 @@ class Target(Tree):
         drawn = order[at]
         self.samples = np.einsum("nk,nkd->nd", places, vertices[faces[drawn]])
         self.normals = self.face_normals[drawn]
+
+    def every(self, n: int) -> Target:
+        """The same surface with every nth sample."""
+        few = copy(self)
+        few.samples, few.normals = self.samples[::n], self.normals[::n]
+        return few

@@ -45,7 +45,6 @@ OWN_FACES = 0.5  # share of the input's faces
 # Without its flattest faces an input is nearly itself; a vertex whose coordinates repeat may take so few bits on a grid
 # that is fine enough for it.
 NEARLY_ALL, LEAST_BITS = 0.9, 13
-REFILLS = 1  # further tries, where the first file is too large, or not full
 BALANCINGS = 2  # tries with other numbers of vertices, where that is foretold to pay
 # The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
 # where the input's own faces are near.
@@ -74,11 +73,13 @@ def surface_of_size(
 ) -> Sized:
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     tries = _Tries(given, target, size, settings, _Work(settings, stage), deadline)
-    tries.fill()
-    tries.own_faces()
+    if len(tries.best.sized.body) > size:
+        tries.fill()
     if len(tries.best.sized.body) > size:
         return tries.best.sized
     tries.balance()
+    tries.own_faces()
+    tries.fill()
     tries.others()
     return tries.edits()
 
@@ -98,6 +99,7 @@ class _Tries:
         self._given, self._target, self._size, self._settings = given, target, size, settings
         self._work, self._deadline = work, deadline
         self._counts: set[int] = set()  # of faces, that were tried
+        self._n_tries = 0
         self._left = 1 + len(settings.other_counts)  # tries that are foreseen, the next one included
         self._wanted = 2 * 8 * size / BITS_PER_VERTEX
         self._simplify = _Simplify(given, round(START * self._wanted))
@@ -116,13 +118,10 @@ class _Tries:
         self.best = self._made(self._count(self._wanted * _times(first, len(mesh.vertices), size)))
 
     def fill(self) -> None:
-        """Other numbers where the file is too large, or not full."""
-        for _ in range(REFILLS):
-            n_bytes = len(self.best.sized.body)
-            n_faces = self._count(len(self.best.mesh.faces) * self._size / n_bytes)
-            is_full = CLOSE * self._size <= n_bytes <= self._size
-            if is_full or not self._another(n_faces, is_needed=n_bytes > self._size):
-                break
+        """Another number where the file is too large, or bytes are left."""
+        times = self._size / len(self.best.sized.body)
+        if times < 1 or times * CLOSE > 1:
+            self._another(self._count(times * len(self.best.mesh.faces)), is_needed=times < 1)
 
     def own_faces(self) -> None:
         """A file that holds most of the input's own faces may hold them nearly as they are."""
@@ -130,7 +129,7 @@ class _Tries:
             return
         numbers, nearly = [self._count(self._wanted)], self._count(NEARLY_ALL * len(self._given.faces))
         if self.best.sized.body[0] & REPEATS and 2 * 8 * self._size >= LEAST_BITS * nearly:
-            numbers.append(nearly)
+            numbers.insert(0, nearly)
         for n_faces in numbers:
             self._another(n_faces)
 
@@ -170,7 +169,8 @@ class _Tries:
         )
         control = fit(one.basis, target, one.control, settings.trial_rounds)
         error = float(mean_errors(one.basis, target, control).sum())
-        again = on_grid(one._replace(control=control, error=error), mesh, target, self._size, settings.grid_steps)
+        one = one._replace(control=control, error=error)
+        again = on_grid(one, mesh, target, self._size, settings.grid_steps, sized.error)
         # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
         is_better = len(again.body) <= self._size and again.error < (1 - LEAST_GAIN) * sized.error
         return again if is_better else sized
@@ -180,16 +180,20 @@ class _Tries:
 
     def _another(self, n_faces: int, is_needed: bool = False) -> _Try | None:
         """One more try; the better is kept. None of a number that was tried, nor without time if not needed."""
-        if n_faces in self._counts or not (self._pace.more or is_needed):
+        is_spare = self._n_tries < self._settings.tries and self._pace.more
+        if n_faces in self._counts or not (is_spare or is_needed):
             return None
         self._work.tried(self._left, self.best)
-        made = self._made(n_faces)
+        fits = len(self.best.sized.body) <= self._size
+        made = self._made(n_faces, self.best.sized.error if fits else math.inf)
         # Of less error, if both fit; else the one that fits, or is smaller.
         self.best = min(self.best, made, key=lambda one: (max(len(one.sized.body), self._size), one.sized.error))
         return made
 
-    def _made(self, n_faces: int) -> _Try:
+    def _made(self, n_faces: int, least: float = math.inf) -> _Try:
+        """A try; where it cannot have less than the least error, it is left unfinished."""
         settings, target = self._settings, self._target
+        self._n_tries += 1
         # Further rounds are for what is left after a try without them.
         spare = max(self._deadline.left() - LEAST_TRY * self._first_time, 0.0)
         rounds = int(min(settings.rounds, spare / (ROUND_SHARE * self._first_time)))
@@ -197,7 +201,7 @@ class _Tries:
         self._counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = self._faceted or n_faces == len(self._given.faces)
         one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
-        made = _Try(on_grid(one, mesh, target, self._size, settings.grid_steps), mesh, one)
+        made = _Try(on_grid(one, mesh, target, self._size, settings.grid_steps, least), mesh, one)
         self._pace.done()
         return made
 

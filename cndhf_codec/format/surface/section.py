@@ -23,6 +23,8 @@ REPEATS = 0x20  # flag: coordinates are first compared with those nearby
 # Share of coordinates. Where fewer are repeated, to say of each whether it is takes more bits than are saved: .29 per
 # coordinate at least, and the repeated ones have 6 at most on average.
 FEW_REPEATED = 1 / 20
+# Positions that take so much less one way are coded that way ever after, for a control mesh whose positions are varied.
+SETTLED = 0.96
 UNTURNED = (0, 0, 0, c.QUATERNION_ONE)
 LEAST_STEP, MOST_STEP = 2.0**-30, 1.0  # normalised units
 
@@ -39,7 +41,8 @@ def encode_surface(mesh: ControlMesh) -> bytes:
 class PositionEncoder:
     """The section of control meshes that differ in positions, step and frame alone: the rest is coded once.
 
-    mesh: one of them. Raises as `encode_surface` does.
+    mesh: one of them. Raises as `encode_surface` does. Whether repeated coordinates are said is tried both ways until
+    one is clearly better.
     """
 
     def __init__(self, mesh: ControlMesh) -> None:
@@ -52,6 +55,7 @@ class PositionEncoder:
         encode_marks(self._encoder, faces, numbering.vertices[mesh.sharp])
         self._vertices, self._walk = numbering.vertices, walk_of(faces)
         self._told = told_of(self._walk)
+        self._ways: tuple[int, ...] = (0, REPEATS)
 
     def body(self, mesh: ControlMesh) -> bytes:
         """The body of the section."""
@@ -59,11 +63,12 @@ class PositionEncoder:
         positions = np.empty_like(mesh.positions)
         positions[self._vertices] = mesh.positions
         eighths = best_eighths(self._told, positions)
-        stream, repeats = self._stream(eighths, False, positions), 0
-        if repeated_share(self._told, positions) > FEW_REPEATED:
-            other = self._stream(eighths, True, positions)
-            if len(other) < len(stream):
-                stream, repeats = other, REPEATS
+        few = repeated_share(self._told, positions) <= FEW_REPEATED
+        streams = {way: self._stream(eighths, bool(way), positions) for way in ((0,) if few else self._ways)}
+        repeats = min(streams, key=lambda way: len(streams[way]))
+        stream = streams[repeats]
+        if len(stream) < SETTLED * max(map(len, streams.values())):
+            self._ways = (repeats,)
         try:
             step = bits_above(mesh.step)
             if from_bits(step) != mesh.step:

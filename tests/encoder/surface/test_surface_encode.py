@@ -219,7 +219,7 @@ def test_a_time_limit_lets_through_what_there_is_time_for(monkeypatch):
     monkeypatch.setattr(
         to_size, "fit_with_creases", lambda *args: [rounds.append(args[-2]), fit_with_creases(*args)][1]
     )
-    many = replace(QUICK, rounds=8, target_size=600, other_counts=(0.9, 1.1))
+    many = replace(QUICK, rounds=8, target_size=600, other_counts=(0.9, 1.1), tries=4)
     given = arrays(lumps())
     encode_surface(*given, many, 50, 0, no_stage, Deadline(inf))
     everything = len(rounds)

@@ -90,7 +90,7 @@ def test_no_mesh_is_tried_twice(monkeypatch):
 
 def test_progress_never_falls():
     done = []
-    settings = replace(FAST, samples=2000, rounds=1, target_size=700, other_counts=(0.9, 1.1), edits=1)
+    settings = replace(FAST, samples=2000, rounds=1, target_size=700, other_counts=(0.9, 1.1), tries=4, edits=1)
     # Flat and round: some tries have nearly all edges sharp, others few.
     shape = trimesh.creation.cylinder(1, 2, sections=64).subdivide()
     encode_surface(*arrays(shape), settings, 50, 0, lambda s, total: lambda k, loss: done.append(k), Deadline(inf))
@@ -149,3 +149,62 @@ def test_coarser_steps_are_tried_where_edges_are_sharp():
     )
     smooth = [grid.on_grid(round_one, ball, target, 300, steps) for steps in (0, 12)]
     assert smooth[0].mesh.step == smooth[1].mesh.step
+
+
+def simple_lattice() -> tuple[Any, Any, Any]:
+    """A polyhedron whose coordinates repeat, its control mesh and a target."""
+    box = trimesh.creation.box((1.0, 0.777, 0.3)).subdivide().subdivide()
+    box.vertices += 0.1234
+    vertices, faces = arrays(box)
+    target = encode.Target(vertices, faces, 5000, 0)
+    mesh = encode.cut(vertices, faces)
+    return to_size.fit_simply(mesh, target, 1, 2).best, mesh, target
+
+
+def test_no_step_is_coded_twice(monkeypatch):
+    """Where coordinates repeat, the bytes do not fall evenly with the step: the search must not go to and fro."""
+    simple, mesh, target = simple_lattice()
+    steps: list[float] = []
+
+    def coded(self: Any, step: float, positions: Any) -> Any:
+        steps.append(step)
+        made = code(self, step, positions)
+        # All that is finer is too large, and all else leaves a twentieth.
+        return made._replace(body=made.body[:1] + bytes(209 if step < 0.0123 else 189))
+
+    code = grid._Grids._coded
+    monkeypatch.setattr(grid._Grids, "_coded", coded)
+    grids = grid._Grids(simple, mesh, target, 200)
+    made = grids.filled(0.01, 0.0)
+    assert len(made.body) == 190
+    assert len(steps) == len(set(steps)) < grid.STEP_TRIES
+    assert made.mesh.step < 1.03 * 0.0123
+
+
+def test_what_has_no_hope_is_left_as_it_is_rounded(monkeypatch):
+    simple, mesh, target = simple_lattice()
+    polished: list[float] = []
+    polish = grid.polished
+    monkeypatch.setattr(grid, "polished", lambda *given: [polished.append(given[3]), polish(*given)][1])
+    best = grid.on_grid(simple, mesh, target, 110, 6)
+    assert polished
+    polished.clear()
+    same = grid.on_grid(simple, mesh, target, 110, 6, best.error)
+    assert same.body == best.body
+    assert polished
+    polished.clear()
+    assert grid.on_grid(simple, mesh, target, 110, 6, best.error / 10).error >= best.error
+    assert not polished
+
+
+def test_fast_makes_two_tries(monkeypatch):
+    fits = []
+    fit_with_creases = to_size.fit_with_creases
+    monkeypatch.setattr(to_size, "fit_with_creases", lambda *given: [fits.append(1), fit_with_creases(*given)][1])
+    given = arrays(trimesh.creation.icosphere(3, 1.0))
+    for tries in (1, 2):
+        fits.clear()
+        settings = replace(FAST, samples=3000, target_size=900, other_counts=(0.9, 1.1), tries=tries)
+        encode_surface(*given, settings, 50, 0, no_stage, Deadline(inf))
+        assert len(fits) == tries
+    assert FAST.tries == 2
