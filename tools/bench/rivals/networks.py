@@ -150,5 +150,12 @@ def mesh_of(network: Network, samples: Samples, resolution: int = RESOLUTION) ->
         if inside.any():
             out[inside] = torch.cat([network(p).detach() for p in points[inside].split(AT_ONCE)])
         values[i], known[i] = out.numpy().reshape(shape[1:]), inside.numpy().reshape(shape[1:])
-    vertices, faces = marching_cubes(values, 0.0, spacing=3 * (spacing,), mask=known)[:2]
+    # Only cells all of whose corners are known: `marching_cubes` asks its mask at a cell's upper corner alone.
+    cells = np.zeros_like(known)
+    corners = [known[tuple(slice(o, n - 1 + o) for o, n in zip(at, shape, strict=True))] for at in np.ndindex(2, 2, 2)]
+    cells[1:, 1:, 1:] = np.all(corners, axis=0)
+    try:
+        vertices, faces = marching_cubes(values, 0.0, spacing=3 * (spacing,), mask=cells)[:2]
+    except RuntimeError as exc:  # none in these cells
+        raise ValueError(str(exc)) from exc
     return vertices.astype(np.float64) + low, faces.astype(np.int64)
