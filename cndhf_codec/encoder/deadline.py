@@ -40,14 +40,14 @@ class Pace:
 
     def __init__(self, deadline: Deadline) -> None:
         self._deadline, self._begin = deadline, deadline.gone()
-        self.last = 0.0  # seconds that the last one took
+        self.longest = 0.0  # seconds that one took; some are broken off
 
     def done(self) -> None:
         """To be called after each one."""
         end = self._deadline.gone()
-        self.last, self._begin = end - self._begin, end
+        self.longest, self._begin = max(self.longest, end - self._begin), end
 
     @property
     def more(self) -> bool:
         """Whether there is time for another; before the first, whether there is any."""
-        return self._deadline.left() > self.last
+        return self._deadline.left() > self.longest

@@ -75,10 +75,10 @@ def test_size_is_near_the_entropy():
 
 def test_few_bits_are_learnt_fast():
     # Krichevsky and Trofimov's bound: half of log2(n), and one more, above the entropy, which is 0 here.
-    context, bits = Context(), 0.0
+    encoder, context, bits = RangeEncoder(), Context(), 0.0
     for _ in range(60):
         bits -= np.log2(context.zero / ONE)
-        context.adapt(0)
+        encoder.bit(context, 0)
     assert bits < 0.5 * np.log2(60) + 1
 
 
@@ -97,10 +97,19 @@ def test_a_copy_goes_on_by_itself():
 @pytest.mark.parametrize("zero", [1, 2, ONE // 2, ONE - 2, ONE - 1])
 def test_a_chance_is_never_0_or_1(zero):
     for bit in (0, 1):
-        context = Context(zero)
+        encoder, context = RangeEncoder(), Context(zero)
         for _ in range(3000):
-            context.adapt(bit)
+            encoder.bit(context, bit)
             assert 0 < context.zero < ONE
+
+
+def test_both_coders_teach_a_context_alike():
+    bits = (np.random.default_rng(3).random(300) < 0.3).astype(int).tolist()
+    encoder, mine, theirs = RangeEncoder(), Context(), Context()
+    taught = [(encoder.bit(mine, bit), mine.zero, mine.count) for bit in bits]
+    decoder = RangeDecoder(encoder.finish())
+    assert [(decoder.bit(theirs), theirs.zero, theirs.count) for _ in bits] == taught
+    assert mine.count == LIMIT
 
 
 def test_no_bits_are_no_bytes():

@@ -47,10 +47,11 @@ def encode_surface(
     n_samples = max(settings.samples, round(settings.samples_per_vertex * most_vertices))
     target = Target(vertices, faces, n_samples, seed)
     sized = surface_of_size(cut(vertices, faces), target, size, settings, stage, deadline)
+    mesh = sized.mesh
     if turned:
-        mesh = replace(sized.mesh, quaternion=turned)
-        sized = sized._replace(mesh=mesh, body=section.encode_surface(mesh))
+        mesh = replace(mesh, quaternion=turned)
         size += QUATERNION_BYTES
+    sized = sized._replace(mesh=mesh, body=section.encode_surface(mesh))
     if len(sized.body) > size:
         raise EncodeError(
             f"a surface of {settings.target_size} bytes was not reached: the smallest has "

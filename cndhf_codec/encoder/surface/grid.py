@@ -29,7 +29,7 @@ POSITIONS_SHARE, TOLD_BITS = 0.8, 1.5
 POWER = 1.5  # of the number of bits, with which errors of mechanical parts fall
 MOSTLY_SMOOTH = 0.9  # share of the edges
 FINEST, COARSEST = 2.0**-17, 0.1  # steps: the finest is less than a thousandth of a percent of the diagonal
-HOPELESS = 1.5  # times the best error: next steps and polishing take a third off at most
+OUT_OF_REACH = 1.6  # times the best error: next steps and polishing take less off, .35 at most
 NARROW = 1.02  # between steps so near each other there is nothing to be found
 FEWER = 4  # of so many samples one is enough to choose among steps
 MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
@@ -61,7 +61,7 @@ def on_grid(
         return grids.filled(grids.ideal, 0.0, tries=1)._replace(error=one.error)
     filled = grids.filled(grids.ideal, 0.0)
     steps = steps if smooth_share(one) < MOSTLY_SMOOTH else 0
-    most = best * HOPELESS
+    most = best * OUT_OF_REACH
     made = grids.polished(filled, 0.0, steps, most)
     if filled.body[0] & REPEATS:
         price = grids.price()
@@ -79,7 +79,7 @@ class _Grids:
     """One fit, on any grid. ideal: the formula's step."""
 
     def __init__(self, one: Fitted, mesh: Manifold, target: Target, size: int) -> None:
-        self._one, self._target, self._size = one, target, size
+        self._one, self._target, self._few, self._size = one, target, target.every(FEWER), size
         self._rounding = rounding = Rounding(one.basis, target, one.control)
         left = one.control.size / (math.log(2) * 8 * size)
         stiffness = POLISHED * rounding.stiffness / min(max(rounding.median / rounding.mean, left), 1)
@@ -117,7 +117,7 @@ class _Grids:
             bits = 8 * (0.995 * self._size - n_bytes)
             step = step * 2.0 ** (-bits / self._one.control.size)
             # Not evenly where coordinates repeat: the step may be known to be too fine, or too coarse.
-            if 0 < fine < coarse < math.inf and not fine < step < coarse:
+            if 0 < fine < coarse < math.inf and not fine < above(step) < coarse:
                 step = math.sqrt(fine * coarse)
             step = min(max(step, self.ideal / MOST_FINER, FINEST), COARSEST)
             if coarse < NARROW * fine or above(step) == made.mesh.step:
@@ -132,12 +132,11 @@ class _Grids:
         if found[0].error > most_error:
             return found[0]
         if steps:
-            few = self._target.every(FEWER)
-            tried = [(self._error(step, grid, few), step, grid)]
+            tried = [(self._error(step, grid, self._few), step, grid)]
             for _ in range(steps):
                 step = above(step * NEXT_STEP)
                 grid = self._rounding.to(step, price)
-                tried.append((self._error(step, grid, few), step, grid))
+                tried.append((self._error(step, grid, self._few), step, grid))
             _, step, grid = min(tried, key=itemgetter(0))
         if step != rounded.mesh.step:
             found.append(self._coded(step, grid)._replace(error=self._error(step, grid, self._target)))

@@ -14,7 +14,7 @@ class SurfaceSettings:
     rounds: int = 8  # more, for the best of them
     samples: int = 40_000  # at least, of the input's surface, and of the fitted one
     samples_per_vertex: int = 40  # of the control mesh, at least
-    tries: int = 8  # of different numbers of faces, at most
+    tries: int = 8  # of different numbers of faces, at most; more only while the file is too large
     # Further tries with so many times the faces of the best until then; the best of all is kept.
     other_counts: tuple[float, ...] = (0.94, 1.06)
     # Another number of vertices is tried where that is foretold to take this share off the error.

@@ -32,5 +32,6 @@ class Target(Tree):
     def every(self, n: int) -> Target:
         """The same surface with every nth sample."""
         few = copy(self)
-        few.samples, few.normals = self.samples[::n], self.normals[::n]
+        # Compiled functions would be compiled again for what lies in memory otherwise.
+        few.samples, few.normals = self.samples[::n].copy(), self.normals[::n].copy()
         return few

@@ -45,6 +45,7 @@ OWN_FACES = 0.5  # share of the input's faces
 # Without its flattest faces an input is nearly itself; a vertex whose coordinates repeat may take so few bits on a grid
 # that is fine enough for it.
 NEARLY_ALL, LEAST_BITS = 0.9, 13
+SHRINKINGS = 3  # tries with fewer vertices, while the file is too large
 BALANCINGS = 2  # tries with other numbers of vertices, where that is foretold to pay
 # The error of a fit falls with these powers of the number of vertices: scans .8 to 1, parts 1.2 to 2.4, and much more
 # where the input's own faces are near.
@@ -72,9 +73,10 @@ def surface_of_size(
     given: Manifold, target: Target, size: int, settings: SurfaceSettings, stage: Stage, deadline: Deadline
 ) -> Sized:
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
-    tries = _Tries(given, target, size, settings, _Work(settings, stage), deadline)
-    if len(tries.best.sized.body) > size:
-        tries.fill()
+    tries = _Tries(given, target, size, settings, stage, deadline)
+    for _ in range(SHRINKINGS):
+        if len(tries.best.sized.body) > size:
+            tries.fill()
     if len(tries.best.sized.body) > size:
         return tries.best.sized
     tries.balance()
@@ -93,24 +95,25 @@ class _Tries:
         target: Target,
         size: int,
         settings: SurfaceSettings,
-        work: _Work,
+        stage: Stage,
         deadline: Deadline,
     ) -> None:
         self._given, self._target, self._size, self._settings = given, target, size, settings
-        self._work, self._deadline = work, deadline
+        self._deadline = deadline
         self._counts: set[int] = set()  # of faces, that were tried
         self._n_tries = 0
         self._left = 1 + len(settings.other_counts)  # tries that are foreseen, the next one included
         self._wanted = 2 * 8 * size / BITS_PER_VERTEX
         self._simplify = _Simplify(given, round(START * self._wanted))
         self._pace = Pace(deadline)
+        self._work = _Work(settings, stage)
         mesh = self._simplify.to(round(self._wanted))
         simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
         self._faceted = simple.faceted
         first = on_grid(simple.best, mesh, target, size, 0, final=False)
-        work.first(simple.best, first.error)
+        self._work.first(simple.best, first.error)
         self._pace.done()
-        self._first_time = self._pace.last
+        self._first_time = self._pace.longest
         if deadline.left() < LEAST_TRY * self._first_time:
             raise EncodeError(
                 "the time limit is too short for a surface of this size; allow more time, or use a smaller size"
@@ -164,7 +167,7 @@ class _Tries:
             _levels(mesh),
             8 * self._size,
             settings.edits,
-            self._deadline.before(self._pace.last),  # what comes after takes no longer than a try
+            self._deadline.before(self._pace.longest),  # what comes after takes no longer than a try
             lambda cycles, error: self._work.edited(settings.edits - cycles, one, error),
         )
         control = fit(one.basis, target, one.control, settings.trial_rounds)
@@ -191,7 +194,7 @@ class _Tries:
         return made
 
     def _made(self, n_faces: int, least: float = math.inf) -> _Try:
-        """A try; where it cannot have less than the least error, it is left unfinished."""
+        """A try; where it has no hope of less than the least error, it is left unfinished."""
         settings, target = self._settings, self._target
         self._n_tries += 1
         # Further rounds are for what is left after a try without them.

@@ -25,8 +25,11 @@ LOOKAHEAD = 4  # bytes that the decoder is ahead of the encoder; up to so many b
 class Context:
     """One adaptive bit: the chance of a zero, times 2^16, and how many bits were seen, up to `LIMIT`.
 
+    A coder's `bit` moves the chance. Both roundings are towards the old chance, so that it never reaches 0 or 1.
+
     >>> context = Context()
-    >>> context.adapt(0)
+    >>> RangeEncoder().bit(context, 0)
+    0
     >>> context.zero  # 3/4: half of the way from 1/2 to 1
     49152
     """
@@ -36,15 +39,6 @@ class Context:
     def __init__(self, zero: int = ONE // 2, count: int = 0) -> None:
         self.zero = zero
         self.count = count
-
-    def adapt(self, bit: int) -> None:
-        """Learn one bit. Both roundings are towards the old chance, so that it never reaches 0 or 1."""
-        if bit:
-            self.zero -= self.zero // (self.count + 2)
-        else:
-            self.zero += (ONE - self.zero) // (self.count + 2)
-        if self.count < LIMIT:
-            self.count += 1
 
 
 class Coder(Protocol):
@@ -79,10 +73,7 @@ class RangeEncoder:
         return other
 
     def bit(self, context: Context, bit: int = 0) -> int:
-        """Code one bit with a context, which learns it; return the bit.
-
-        `Context.adapt` is written out, here and in the decoder: half of a section's time is spent in these two.
-        """
+        """Code one bit with a context, which learns it; return the bit."""
         zero, count = context.zero, context.count
         bound = (self._range >> 16) * zero
         if bit:

@@ -24,7 +24,7 @@ REPEATS = 0x20  # flag: coordinates are first compared with those nearby
 # coordinate at least, and the repeated ones have 6 at most on average.
 FEW_REPEATED = 1 / 20
 # Positions that take so much less one way are coded that way ever after, for a control mesh whose positions are varied.
-SETTLED = 0.96
+CLEARLY_LESS = 0.96
 UNTURNED = (0, 0, 0, c.QUATERNION_ONE)
 LEAST_STEP, MOST_STEP = 2.0**-30, 1.0  # normalised units
 
@@ -67,7 +67,7 @@ class PositionEncoder:
         streams = {way: self._stream(eighths, bool(way), positions) for way in ((0,) if few else self._ways)}
         repeats = min(streams, key=lambda way: len(streams[way]))
         stream = streams[repeats]
-        if len(stream) < SETTLED * max(map(len, streams.values())):
+        if len(stream) < CLEARLY_LESS * max(map(len, streams.values())):
             self._ways = (repeats,)
         try:
             step = bits_above(mesh.step)
