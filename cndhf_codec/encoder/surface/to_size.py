@@ -55,7 +55,7 @@ ROUNDS_LEAVE = 0.9  # of the error that a few rounds leave
 LEAST_TRY, ROUND_SHARE = 2.0, 0.25
 # For the progress alone, ADR 044: times in rounds of the fit, and tries after the first, which mostly fills the file
 # and is balanced.
-ROUNDING, GRID_STEP, POLISHING, MORE_TRIES = 5, 0.7, 2, 4 / 3
+ROUNDING, GRID_STEP, POLISHING, MORE_TRIES = 5, 0.4, 2, 4 / 3
 COLLAPSES_AND_SPLITS, FLIPPING = 14, 22  # of a cycle of edits, in rounds
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
@@ -240,14 +240,17 @@ class _Work:
         self._on_step(round(self._share * self._total), error)
 
     def _try(self, smooth: float) -> float:
-        s = self._settings
+        return 3 * self._settings.trial_rounds + self._settings.rounds + self._on_grid(smooth)
+
+    def _on_grid(self, smooth: float) -> float:
         rounding: float = ROUNDING + POLISHING
-        if smooth < MOSTLY_SMOOTH:
-            rounding += ROUNDING + POLISHING + 2 * GRID_STEP * s.grid_steps  # with a price, too
-        return 3 * s.trial_rounds + s.rounds + rounding
+        if smooth < MOSTLY_SMOOTH:  # with a price, too
+            rounding = 2 * (rounding + GRID_STEP * self._settings.grid_steps)
+        return rounding
 
     def _left(self, tries: float, cycles: int, smooth: float) -> float:
-        return self._try(smooth) * tries + _cycle(smooth) * cycles + (self._first if self._settings.edits else 0)
+        after = self._settings.trial_rounds + self._on_grid(smooth) if self._settings.edits else 0
+        return self._try(smooth) * tries + _cycle(smooth) * cycles + after
 
 
 def _cycle(smooth: float) -> float:
