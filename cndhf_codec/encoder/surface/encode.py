@@ -51,6 +51,7 @@ def encode_surface(
     if turned:
         mesh = replace(mesh, quaternion=turned)
         size += QUATERNION_BYTES
+    # Anew: in its frame, and both ways of coding, one of which the search may have left out.
     sized = sized._replace(mesh=mesh, body=section.encode_surface(mesh))
     if len(sized.body) > size:
         raise EncodeError(

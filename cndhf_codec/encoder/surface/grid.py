@@ -43,6 +43,10 @@ class Sized(NamedTuple):
     body: bytes
     error: float
 
+    def rank(self, size: int) -> tuple[int, float]:
+        """Less is better: of less error, if both fit into `size` bytes; else what fits, or is smaller."""
+        return max(len(self.body), size), self.error
+
 
 def on_grid(
     one: Fitted, mesh: Manifold, target: Target, size: int, steps: int, best: float = math.inf, final: bool = True
@@ -66,7 +70,7 @@ def on_grid(
     if filled.body[0] & REPEATS:
         price = grids.price()
         other = grids.polished(grids.filled(filled.mesh.step, price), price, steps, most)
-        made = min(made, other, key=lambda one: (max(len(one.body), size), one.error))
+        made = min(made, other, key=lambda sized: sized.rank(size))
     return made
 
 

@@ -189,8 +189,7 @@ class _Tries:
         self._work.tried(self._left, self.best)
         fits = len(self.best.sized.body) <= self._size
         made = self._made(n_faces, self.best.sized.error if fits else math.inf)
-        # Of less error, if both fit; else the one that fits, or is smaller.
-        self.best = min(self.best, made, key=lambda one: (max(len(one.sized.body), self._size), one.sized.error))
+        self.best = min(self.best, made, key=lambda one: one.sized.rank(self._size))
         return made
 
     def _made(self, n_faces: int, least: float = math.inf) -> _Try:
