@@ -129,7 +129,7 @@ class SurfaceRepresentation:
         mesh = _reduced(chosen, detail.faces)
         if len(mesh.faces) == len(chosen.corners):
             return chosen.shaded()
-        return with_normals(mesh, _QueriedMesh(chosen.shaded()).normals_at_nearest)
+        return with_normals(mesh, _QueriedMesh(chosen).normals_at_nearest)
 
     def occupancy(self, resolution: int, limits: Limits) -> OccupancyGrid:
         resolution = whole_in(resolution, "resolution", MIN_RESOLUTION, limits.resolution)
@@ -166,7 +166,7 @@ class SurfaceRepresentation:
     def _queried(self) -> _QueriedMesh:
         with self._lock:  # the first thread makes it, others wait
             if self._mesh is None:
-                self._mesh = _QueriedMesh(self._default(Limits()).shaded())
+                self._mesh = _QueriedMesh(self._default(Limits()))
             return self._mesh
 
     def _chosen(self, detail: Detail, limits: Limits) -> _Chosen:
@@ -297,9 +297,15 @@ class _Chosen(NamedTuple):
 class _QueriedMesh:
     """A mesh with the tables of its queries, and normals between its vertices."""
 
-    def __init__(self, shaded: ShadedMesh) -> None:
-        self.vertices, self._faces, self._normals = shaded
-        self.queries = TriangleQueries(self.vertices, self._faces)
+    def __init__(self, chosen: _Chosen) -> None:
+        self._chosen = chosen
+        self.vertices, faces = chosen.plain()
+        self.queries = TriangleQueries(self.vertices, faces)
+
+    @cached_property
+    def _shaded(self) -> ShadedMesh:
+        """Its triangles in the same order. Most queries need none of it, and it takes as long as the mesh."""
+        return self._chosen.shaded()
 
     def normals_at_nearest(self, points: F64) -> F64:
         """(N, 3) unit normals at the nearest points; 0 where there is none."""
@@ -311,10 +317,11 @@ class _QueriedMesh:
 
     def normals_at(self, faces: I64, points: F64) -> F64:
         """(N, 3) unit normals at points of faces (N,), between those of the corners."""
-        a, b, c = self.vertices[self._faces[faces]].transpose(1, 0, 2)
+        vertices, triangles, normals = self._shaded
+        a, b, c = vertices[triangles[faces]].transpose(1, 0, 2)
         whole = np.cross(b - a, c - a)
         shares = [(np.cross(q - p, points - p) * whole).sum(axis=1) for p, q in ((b, c), (c, a), (a, b))]
-        corners = self._normals[self._faces[faces]]
+        corners = normals[triangles[faces]]
         total = (whole * whole).sum(axis=1)
         # A triangle without area has the mean of its corners.
         weights = np.where(total[:, None] > 0, np.column_stack(shares), 1.0)
