@@ -13,8 +13,8 @@ from quietly import encode_quietly
 
 from cndhf_codec.encoder import pipeline, settings
 from cndhf_codec.encoder.report import Other
+from cndhf_codec.encoder.surface import basis
 from cndhf_codec.encoder.surface import settings as surface_settings
-from cndhf_codec.encoder.surface import to_size
 from cndhf_codec.errors import EncodeError, MeshError, OptionError
 
 pytestmark = pytest.mark.encode
@@ -39,7 +39,7 @@ def quick(monkeypatch):
         monkeypatch.setitem(settings.PRESETS, preset, DHF)
         monkeypatch.setitem(settings.SURFACE_PRESETS, preset, SURFACE)
     monkeypatch.setattr(settings, "TRIAL", replace(DHF, target_size=700))
-    monkeypatch.setattr(to_size, "FINE_FACES", 3000)
+    monkeypatch.setattr(basis, "FINE_FACES", 3000)
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from rawfile import SURFACE, build
 
 from cndhf_codec.errors import ChecksumError, FormatError, OptionError, SectionError, TruncatedError
 from cndhf_codec.format import Container, ControlMesh, Metadata, dumps, loads, loads_prefix, read_header, section_sizes
+from cndhf_codec.format.surface import section
 from cndhf_codec.format.surface.manifold import edges_of, fault
 from cndhf_codec.format.surface.positions import MAX_POSITION
 from cndhf_codec.format.surface.section import REPEATS, PositionEncoder, encode_surface
@@ -157,8 +158,8 @@ def test_coordinates_that_repeat_are_nearly_free():
 def test_one_way_is_coded_when_it_is_clearly_better(monkeypatch, values, ways):
     mesh = control_mesh(manifolds.voxels(np.ones((6, 5, 4), dtype=bool)), 1, sharp=0.0)
     mesh = replace(mesh, positions=np.random.default_rng(2).choice(values, mesh.positions.shape).astype(np.int32))
-    coded, stream = [], PositionEncoder._stream
-    monkeypatch.setattr(PositionEncoder, "_stream", lambda *given: [coded.append(given[2]), stream(*given)][1])
+    coded, code = [], section.code_positions
+    monkeypatch.setattr(section, "code_positions", lambda *given: [coded.append(given[3]), code(*given)][1])
     encoder = PositionEncoder(mesh)
     assert encoder.body(mesh) == encoder.body(mesh) == encode_surface(mesh)
     assert coded == [False, True, *ways, False, True]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 from ...arrays import F64, I64
 from ...errors import EncodeError
+from ...format import ControlMesh
 from ...format.container import rotation_matrix
 from ...format.surface import section
 from ..deadline import Deadline
@@ -14,10 +16,17 @@ from .cut import cut
 from .frame import turned_frame
 from .settings import SurfaceSettings
 from .target import Target
-from .to_size import BITS_PER_VERTEX, Sized, surface_of_size
+from .to_size import BITS_PER_VERTEX, surface_of_size
 
 LEAST_SECTION = 40  # bytes: a tetrahedron takes about so many
-QUATERNION_BYTES = 8  # of a turned frame
+
+
+class EncodedSurface(NamedTuple):
+    """A control mesh and its section. error: the fit's mean distance, normalised units."""
+
+    mesh: ControlMesh
+    body: bytes
+    error: float
 
 
 def encode_surface(
@@ -28,7 +37,7 @@ def encode_surface(
     seed: int,
     stage: Stage,
     deadline: Deadline,
-) -> Sized:
+) -> EncodedSurface:
     """Encode a mesh as it is given: with inner parts, all components, open where it is open.
 
     vertices: (N, 3) normalised. faces: (M, 3), none of zero area. other_bytes: of the file, besides its section.
@@ -41,7 +50,7 @@ def encode_surface(
     turned = turned_frame(vertices, faces)
     if turned:
         vertices = vertices @ rotation_matrix(turned).T
-        size -= QUATERNION_BYTES
+        size -= section.QUATERNION_SIZE
     # With few samples per vertex the surface is fitted to them, and not to what lies between.
     most_vertices = min(8 * size / BITS_PER_VERTEX, len(vertices))
     n_samples = max(settings.samples, round(settings.samples_per_vertex * most_vertices))
@@ -50,12 +59,12 @@ def encode_surface(
     mesh = sized.mesh
     if turned:
         mesh = replace(mesh, quaternion=turned)
-        size += QUATERNION_BYTES
-    # Anew: in its frame, and both ways of coding, one of which the search may have left out.
-    sized = sized._replace(mesh=mesh, body=section.encode_surface(mesh))
-    if len(sized.body) > size:
+        size += section.QUATERNION_SIZE
+    # In its frame, and both ways of coding, one of which the search may have left out.
+    body = section.encode_surface(mesh)
+    if len(body) > size:
         raise EncodeError(
             f"a surface of {settings.target_size} bytes was not reached: the smallest has "
-            f"{len(sized.body) + other_bytes}; use a larger size"
+            f"{len(body) + other_bytes}; use a larger size"
         )
-    return sized
+    return EncodedSurface(mesh, body, sized.error)

@@ -12,7 +12,8 @@ import numpy as np
 from ...arrays import I64
 from ...format import ControlMesh
 from ...format.bfloat16 import above
-from ...format.surface.section import REPEATS, UNTURNED, PositionEncoder
+from ...format.surface.section import UNTURNED
+from .coded_size import SectionSizes
 from .creases import Fitted
 from .cut import Manifold
 from .fit import mean_errors
@@ -36,16 +37,17 @@ MOST_FINER = 3.0  # than the formula's the step may be, to fill a file
 
 
 class Sized(NamedTuple):
-    """A control mesh and the bytes of its section. error: mean distance; after rounding, but for
-    a first try."""
+    """A control mesh. n_bytes: of its section. repeats: whether that says repeated coordinates. error: mean distance;
+    after rounding, but for a first try."""
 
     mesh: ControlMesh
-    body: bytes
+    n_bytes: int
+    repeats: bool
     error: float
 
     def rank(self, size: int) -> tuple[int, float]:
         """Less is better: of less error, if both fit into `size` bytes; else what fits, or is smaller."""
-        return max(len(self.body), size), self.error
+        return max(self.n_bytes, size), self.error
 
 
 def on_grid(
@@ -67,7 +69,7 @@ def on_grid(
     steps = steps if smooth_share(one) < MOSTLY_SMOOTH else 0
     most = best * OUT_OF_REACH
     made = grids.polished(filled, 0.0, steps, most)
-    if filled.body[0] & REPEATS:
+    if filled.repeats:
         price = grids.price()
         other = grids.polished(grids.filled(filled.mesh.step, price), price, steps, most)
         made = min(made, other, key=lambda sized: sized.rank(size))
@@ -95,7 +97,7 @@ class _Grids:
             mesh.faces.astype(np.int32),
             one.sharp.astype(np.int32),
         )
-        self._encoder = PositionEncoder(self._blank)
+        self._sizes = SectionSizes(self._blank)
 
     def price(self) -> float:
         """What a coordinate may cost that no neighbour has, of mean distance: its bits would lower that elsewhere."""
@@ -108,7 +110,7 @@ class _Grids:
         for _ in range(tries):
             step = above(min(max(step, FINEST), COARSEST))
             made = self._coded(step, self._rounding.to(step, price))
-            n_bytes = len(made.body)
+            n_bytes = made.n_bytes
             if best is None or self._fill(made) > self._fill(best):
                 best = made
             if CLOSE * self._size <= n_bytes <= self._size:
@@ -144,20 +146,21 @@ class _Grids:
             _, step, grid = min(tried, key=itemgetter(0))
         if step != rounded.mesh.step:
             found.append(self._coded(step, grid)._replace(error=self._error(step, grid, self._target)))
-        most = max(self._size, len(rounded.body))
+        most = max(self._size, rounded.n_bytes)
         # Polishing changes the bytes by a few thousandths; a little coarser they fit again.
         for coarser in (step, above(1.01 * step)):
             start = grid if coarser == step else self._rounding.to(coarser, price)
             made = self._coded(coarser, polished(self._one.basis, self._target, start, coarser, price))
-            if len(made.body) <= most:
+            if made.n_bytes <= most:
                 error = self._error(coarser, made.mesh.positions.astype(np.int64), self._target)
                 found.append(made._replace(error=error))
                 break
-        return min((made for made in found if len(made.body) <= most), key=lambda made: made.error)
+        return min((made for made in found if made.n_bytes <= most), key=lambda made: made.error)
 
     def _coded(self, step: float, grid: I64) -> Sized:
         control = replace(self._blank, step=step, positions=grid.astype(np.int32))
-        return Sized(control, self._encoder.body(control), math.nan)
+        coding = self._sizes.of(control)
+        return Sized(control, coding.n_bytes, coding.repeats, math.nan)
 
     def _error(self, step: float, grid: I64, target: Target) -> float:
         control = np.asarray(step * grid, dtype=np.float64)
@@ -165,5 +168,5 @@ class _Grids:
 
     def _fill(self, made: Sized) -> int:
         """More is better: the bytes of what fits, and else how few they are."""
-        n_bytes = len(made.body)
+        n_bytes = made.n_bytes
         return n_bytes if n_bytes <= self._size else -n_bytes

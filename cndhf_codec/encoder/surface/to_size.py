@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import EncodeError
-from ...format.surface.section import REPEATS
 from ..deadline import Deadline, Pace
 from ..progress import Stage
+from .basis import levels_of
 from .creases import Fitted, fit_simply, fit_with_creases
 from .cut import Manifold, cut
 from .edits import LEAST_GAIN, edited
@@ -57,8 +57,6 @@ LEAST_TRY, ROUND_SHARE = 2.0, 0.25
 # and is balanced.
 ROUNDING, GRID_STEP, POLISHING, MORE_TRIES = 5, 0.4, 2, 4 / 3
 COLLAPSES_AND_SPLITS, FLIPPING = 14, 22  # of a cycle of edits, in rounds
-FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
-LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
 
 
 class _Try(NamedTuple):
@@ -75,9 +73,9 @@ def surface_of_size(
     """Make the best control mesh whose section has at most `size` bytes. given: the input, cut, normalised frame."""
     tries = _Tries(given, target, size, settings, stage, deadline)
     for _ in range(SHRINKINGS):
-        if len(tries.best.sized.body) > size:
+        if tries.best.sized.n_bytes > size:
             tries.fill()
-    if len(tries.best.sized.body) > size:
+    if tries.best.sized.n_bytes > size:
         return tries.best.sized
     tries.balance()
     tries.own_faces()
@@ -108,7 +106,7 @@ class _Tries:
         self._pace = Pace(deadline)
         self._work = _Work(settings, stage)
         mesh = self._simplify.to(round(self._wanted))
-        simple = fit_simply(mesh, target, _levels(mesh), settings.trial_rounds)
+        simple = fit_simply(mesh, target, levels_of(mesh.faces), settings.trial_rounds)
         self._faceted = simple.faceted
         first = on_grid(simple.best, mesh, target, size, 0, final=False)
         self._work.first(simple.best, first.error)
@@ -122,7 +120,7 @@ class _Tries:
 
     def fill(self) -> None:
         """Another number where the file is too large, or bytes are left."""
-        times = self._size / len(self.best.sized.body)
+        times = self._size / self.best.sized.n_bytes
         if times < 1 or times * CLOSE > 1:
             self._another(self._count(times * len(self.best.mesh.faces)), is_needed=times < 1)
 
@@ -131,7 +129,7 @@ class _Tries:
         if self._wanted < OWN_FACES * len(self._given.faces):
             return
         numbers, nearly = [self._count(self._wanted)], self._count(NEARLY_ALL * len(self._given.faces))
-        if self.best.sized.body[0] & REPEATS and 2 * 8 * self._size >= LEAST_BITS * nearly:
+        if self.best.sized.repeats and 2 * 8 * self._size >= LEAST_BITS * nearly:
             numbers.insert(0, nearly)
         for n_faces in numbers:
             self._another(n_faces)
@@ -164,7 +162,7 @@ class _Tries:
             one,
             mesh,
             target,
-            _levels(mesh),
+            levels_of(mesh.faces),
             8 * self._size,
             settings.edits,
             self._deadline.before(self._pace.longest),  # what comes after takes no longer than a try
@@ -175,7 +173,7 @@ class _Tries:
         one = one._replace(control=control, error=error)
         again = on_grid(one, mesh, target, self._size, settings.grid_steps, sized.error)
         # Errors are those of the samples that were fitted: what is hardly better there may be worse elsewhere.
-        is_better = len(again.body) <= self._size and again.error < (1 - LEAST_GAIN) * sized.error
+        is_better = again.n_bytes <= self._size and again.error < (1 - LEAST_GAIN) * sized.error
         return again if is_better else sized
 
     def _count(self, n_faces: float) -> int:
@@ -187,7 +185,7 @@ class _Tries:
         if n_faces in self._counts or not (is_spare or is_needed):
             return None
         self._work.tried(self._left, self.best)
-        fits = len(self.best.sized.body) <= self._size
+        fits = self.best.sized.n_bytes <= self._size
         made = self._made(n_faces, self.best.sized.error if fits else math.inf)
         self.best = min(self.best, made, key=lambda one: one.sized.rank(self._size))
         return made
@@ -202,7 +200,7 @@ class _Tries:
         mesh = self._simplify.to(n_faces)
         self._counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = self._faceted or n_faces == len(self._given.faces)
-        one = fit_with_creases(mesh, target, _levels(mesh), settings.trial_rounds, rounds, faceted)
+        one = fit_with_creases(mesh, target, levels_of(mesh.faces), settings.trial_rounds, rounds, faceted)
         made = _Try(on_grid(one, mesh, target, self._size, settings.grid_steps, least), mesh, one)
         self._pace.done()
         return made
@@ -277,8 +275,8 @@ class _Simplify:
 def _times(first: Sized, n_vertices: int, size: int) -> float:
     """How many times as many vertices a file of `size` bytes holds as the first try has. With more rounds and vertices
     the error is less, and so the step finer: by the square root of it."""
-    x0 = size / len(first.body)
-    bits = 8 * len(first.body) / n_vertices
+    x0 = size / first.n_bytes
+    bits = 8 * first.n_bytes / n_vertices
     x = x0
     for _ in range(10):
         x = x0 / max(1 + 1.5 * math.log2(max(x / ROUNDS_LEAVE, 0.1)) / bits, 0.5)
@@ -293,7 +291,7 @@ def _balanced(best: _Try, powers: tuple[float, float], least_foretold: float) ->
     """
     f, error = best.one.error, best.sized.error
     noise = math.sqrt(max(error * error - f * f, 0.0))
-    bits = 8 * len(best.sized.body) / len(best.one.control)
+    bits = 8 * best.sized.n_bytes / len(best.one.control)
     x = 2.0 ** np.linspace(-1, 1, 81)
     noises = noise * np.maximum(2.0 ** (bits / 3 * (1 - 1 / x)), FINEST / best.sized.mesh.step)
     foretold = np.hypot(f * np.maximum(x ** -powers[0], x ** -powers[1]), noises)
@@ -307,7 +305,3 @@ def _power(one: Fitted, other: Fitted) -> tuple[float, float]:
     power = math.log(max(other.error, 1e-12) / max(one.error, 1e-12)) / (vertices or 1.0)
     power = min(max(power, POWERS[0]), POWERS[1])
     return power, power
-
-
-def _levels(mesh: Manifold) -> int:
-    return min(max(round(math.log(FINE_FACES / len(mesh.faces), 4)), LEAST_LEVELS), 4)

@@ -72,6 +72,11 @@ class RangeEncoder:
         other._low, other._range, other._out = self._low, self._range, self._out.copy()
         return other
 
+    @property
+    def state(self) -> tuple[int, int, int]:
+        """The least number of the interval, how many there are, and the bytes that are out."""
+        return self._low, self._range, len(self._out)
+
     def bit(self, context: Context, bit: int = 0) -> int:
         """Code one bit with a context, which learns it; return the bit."""
         zero, count = context.zero, context.count

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from .positions import EIGHTHS, best_eighths, code_positions, repeated_share, to
 from .range_coder import RangeDecoder, RangeEncoder
 
 HEAD_SIZE = 3  # flags, step
+QUATERNION_SIZE = 8
 ROTATED = 0x10  # flag: a quaternion follows the step
 REPEATS = 0x20  # flag: coordinates are first compared with those nearby
 # Share of coordinates. Where fewer are repeated, to say of each whether it is takes more bits than are saved: .29 per
@@ -38,51 +41,70 @@ def encode_surface(mesh: ControlMesh) -> bytes:
     return PositionEncoder(mesh).body(mesh)
 
 
+class Coding(NamedTuple):
+    """How positions are coded. eighths: of the prediction. repeats: whether repeated coordinates are said. n_bytes: of
+    the section."""
+
+    eighths: int
+    repeats: bool
+    n_bytes: int
+
+
 class PositionEncoder:
     """The section of control meshes that differ in positions, step and frame alone: the rest is coded once.
 
     mesh: one of them. Raises as `encode_surface` does. Whether repeated coordinates are said is tried both ways until
-    one is clearly better.
+    one is clearly better. start: the range encoder after connectivity and marks. walk: over the vertices as they are
+    decoded.
     """
 
     def __init__(self, mesh: ControlMesh) -> None:
         _check_numbers(mesh)
-        self._encoder = RangeEncoder()
-        numbering = encode_connectivity(self._encoder, mesh.faces)
+        self.start = RangeEncoder()
+        numbering = encode_connectivity(self.start, mesh.faces)
         faces = np.empty_like(mesh.faces)
         faces[numbering.faces] = numbering.vertices[mesh.faces]
         faces = _least_first(faces)
-        encode_marks(self._encoder, faces, numbering.vertices[mesh.sharp])
-        self._vertices, self._walk = numbering.vertices, walk_of(faces)
-        self._told = told_of(self._walk)
-        self._ways: tuple[int, ...] = (0, REPEATS)
+        encode_marks(self.start, faces, numbering.vertices[mesh.sharp])
+        self._vertices, self.walk = numbering.vertices, walk_of(faces)
+        self._told = told_of(self.walk)
+        self._ways: tuple[bool, ...] = (False, True)
 
     def body(self, mesh: ControlMesh) -> bytes:
         """The body of the section."""
-        turned = tuple(mesh.quaternion) != UNTURNED
-        positions = np.empty_like(mesh.positions)
-        positions[self._vertices] = mesh.positions
-        eighths = best_eighths(self._told, positions)
-        few = repeated_share(self._told, positions) <= FEW_REPEATED
-        streams = {way: self._stream(eighths, bool(way), positions) for way in ((0,) if few else self._ways)}
-        repeats = min(streams, key=lambda way: len(streams[way]))
-        stream = streams[repeats]
-        if len(stream) < CLEARLY_LESS * max(map(len, streams.values())):
-            self._ways = (repeats,)
+        streams: dict[bool, bytes] = {}
+
+        def n_bytes(eighths: int, repeats: bool, positions: Ints) -> int:
+            encoder = self.start.copy()
+            code_positions(encoder, self.walk, eighths, repeats, positions)
+            streams[repeats] = encoder.finish()
+            return len(streams[repeats])
+
+        coding = self.choose(mesh, n_bytes)
+        turned = _is_turned(mesh)
         try:
             step = bits_above(mesh.step)
             if from_bits(step) != mesh.step:
                 raise OptionError(f"field step of the control mesh is {mesh.step}, which is no bfloat16")
-            head = struct.pack("<BH", eighths | repeats | (ROTATED if turned else 0), step)
+            flags = coding.eighths | (REPEATS if coding.repeats else 0) | (ROTATED if turned else 0)
+            head = struct.pack("<BH", flags, step)
             head += struct.pack("<4h", *mesh.quaternion) if turned else b""
         except struct.error as exc:
             raise OptionError(f"the control mesh does not fit the format: {exc}") from exc
-        return head + stream
+        return head + streams[coding.repeats]
 
-    def _stream(self, eighths: int, repeats: bool, positions: Ints) -> bytes:
-        encoder = self._encoder.copy()
-        code_positions(encoder, self._walk, eighths, repeats, positions)
-        return encoder.finish()
+    def choose(self, mesh: ControlMesh, n_bytes: Callable[[int, bool, Ints], int]) -> Coding:
+        """How a mesh is coded. n_bytes: the length of a stream with these eighths, repeats and positions (V, 3), which
+        are in the order of decoded vertices."""
+        positions = np.empty_like(mesh.positions)
+        positions[self._vertices] = mesh.positions
+        eighths = best_eighths(self._told, positions)
+        few = repeated_share(self._told, positions) <= FEW_REPEATED
+        sizes = {way: n_bytes(eighths, way, positions) for way in ((False,) if few else self._ways)}
+        repeats = min(sizes, key=lambda way: sizes[way])
+        if sizes[repeats] < CLEARLY_LESS * max(sizes.values()):
+            self._ways = (repeats,)
+        return Coding(eighths, repeats, HEAD_SIZE + (QUATERNION_SIZE if _is_turned(mesh) else 0) + sizes[repeats])
 
 
 def decode_surface(body: bytes) -> ControlMesh:
@@ -100,10 +122,10 @@ def decode_surface(body: bytes) -> ControlMesh:
         raise FieldError(f"surface: field step is {step}; {LEAST_STEP:g} to {MOST_STEP:g} are allowed")
     quaternion = UNTURNED
     if flags & ROTATED:
-        if len(body) < at + 8:
+        if len(body) < at + QUATERNION_SIZE:
             raise SectionError("the surface section ends inside its quaternion")
         quaternion = struct.unpack_from("<4h", body, at)
-        at += 8
+        at += QUATERNION_SIZE
         check_quaternion(quaternion, "surface")
     decoder = RangeDecoder(body[at:])
     faces = _least_first(decode_connectivity(decoder, limits_for(len(body))))
@@ -113,6 +135,10 @@ def decode_surface(body: bytes) -> ControlMesh:
     positions = code_positions(decoder, walk_of(faces), eighths, bool(flags & REPEATS))
     decoder.finish()
     return ControlMesh(quaternion, step, positions, faces, sharp)
+
+
+def _is_turned(mesh: ControlMesh) -> bool:
+    return tuple(mesh.quaternion) != UNTURNED
 
 
 def _check_numbers(mesh: ControlMesh) -> None:

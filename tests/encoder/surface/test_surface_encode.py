@@ -21,11 +21,12 @@ from shapes import lumps
 from cndhf_codec import CndhfError, CndhfWarning, encode, load, loads
 from cndhf_codec.encoder import settings as encoder_settings
 from cndhf_codec.encoder.deadline import Deadline
-from cndhf_codec.encoder.surface import settings, to_size
+from cndhf_codec.encoder.surface import basis, settings, to_size
 from cndhf_codec.encoder.surface.cut import cut
 from cndhf_codec.encoder.surface.encode import encode_surface
 from cndhf_codec.encoder.surface.to_size import surface_of_size
 from cndhf_codec.errors import EncodeError, OptionError
+from cndhf_codec.format.surface import section
 from cndhf_codec.format.surface.section import decode_surface
 
 pytestmark = pytest.mark.encode
@@ -36,7 +37,7 @@ QUICK = replace(settings.FAST, trial_rounds=1, rounds=2, samples=3000)
 def make_quick(patch: pytest.MonkeyPatch) -> None:
     """A tenth of the work of the preset `fast`, for tests of sizes and kinds of mesh."""
     patch.setitem(encoder_settings.SURFACE_PRESETS, "fast", QUICK)
-    patch.setattr(to_size, "FINE_FACES", 3000)
+    patch.setattr(basis, "FINE_FACES", 3000)
 
 
 @pytest.fixture(autouse=True)
@@ -67,8 +68,9 @@ def test_a_section_is_never_larger_than_allowed(shape, size):
     shape.apply_scale(1 / np.abs(shape.vertices).max())
     given = arrays(shape)
     sized = surface_of_size(cut(*given), target_of(shape, 4000), size, QUICK, no_stage, Deadline(inf))
-    assert len(sized.body) <= size
-    back = decode_surface(sized.body)
+    body = section.encode_surface(sized.mesh)
+    assert len(body) <= sized.n_bytes <= size
+    back = decode_surface(body)
     assert len(back.faces) == len(sized.mesh.faces)
     assert back.step == sized.mesh.step
 

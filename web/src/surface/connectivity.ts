@@ -214,7 +214,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     for (let again = true; again; ) {
       again = false;
       for (let k = LEVELS - 1; k >= 0; k--) {
-        for (const N of queues[k]!) {
+        for (let N; (N = queues[k]!.take()) >= 0; ) {
           if (dropped[N]) continue;
           if (level(N) === k) return N;
           push(N);

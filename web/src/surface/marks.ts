@@ -61,7 +61,7 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
   };
 
   for (let h = 0; h < faces.length; h++) {
-    for (const v of lines) if (nSharp[v] === 1) follow(v);
+    for (let v; (v = lines.take()) >= 0; ) if (nSharp[v] === 1) follow(v);
     const edge = ofHalf[h]!;
     if (!todo[edge]) continue;
     const i = Math.min(nSharp[faces[h]!]!, 2);

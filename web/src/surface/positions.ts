@@ -28,28 +28,28 @@ export function decodePositions(
   const { opposite, first, after } = edges;
   let last = -1;
 
+  const corners: number[] = [];
   const place = (v: number): void => {
-    const m = foretelling[v]!;
     const from = near[v]! < 0 ? last : near[v]!;
+    // The faces that foretell v lie across the edges opposite to it.
+    corners.length = 0;
+    for (let corner = first[v]!; corner >= 0; corner = after[corner]!) {
+      const h = opposite[nextHalf(corner)]!;
+      if (h >= 0 && !missing[(h / 3) | 0]) corners.push(faces[h]!, faces[nextHalf(h)]!, faces[previousHalf(h)]!);
+    }
+    const n = corners.length;
     for (let k = 0; k < 3; k++) {
       let guess = 0;
-      const found = new Set<number>(); // coordinates of the corners of the faces that foretell v
-      // Those faces lie across the edges opposite to v.
-      for (let corner = first[v]!; corner >= 0; corner = after[corner]!) {
-        const h = opposite[nextHalf(corner)]!;
-        if (h < 0 || missing[(h / 3) | 0]) continue;
-        [h, nextHalf(h), previousHalf(h)].forEach((corner, i) => {
-          const x = at[3 * faces[corner]! + k]!;
-          guess += x * (i < 2 ? 8 + eighths : -2 * eighths);
-          if (repeats) found.add(x);
-        });
-      }
-      guess = m ? Math.round(guess / (16 * m)) : (at[3 * from + k] ?? 0);
-      const x =
-        [...found]
+      for (let i = 0; i < n; i++) guess += at[3 * corners[i]! + k]! * (i % 3 < 2 ? 8 + eighths : -2 * eighths);
+      guess = n ? Math.round((guess * 3) / (16 * n)) : (at[3 * from + k] ?? 0);
+      let x: number | undefined;
+      if (repeats) {
+        const found = [...new Set(corners.map((w) => at[3 * w + k]!))];
+        x = found
           .sort((p, q) => Math.abs(p - guess) - Math.abs(q - guess) || p - q)
-          .find((_, i) => coder.bit(same[16 * k + 4 * Math.min(found.size, 3) + Math.min(i, 3)]!)) ??
-        guess + (m ? told : untold).read(coder);
+          .find((_, i) => coder.bit(same[16 * k + 4 * Math.min(found.length, 3) + Math.min(i, 3)]!));
+      }
+      x ??= guess + (n ? told : untold).read(coder);
       if (Math.abs(x) > MAX_POSITION) {
         throw new PayloadError(`a vertex of the control mesh lies beyond ${MAX_POSITION} grid units`);
       }
@@ -76,7 +76,7 @@ export function decodePositions(
   };
 
   const next = (): number => {
-    for (const queue of queues) for (const v of queue) if (!placed[v]) return v;
+    for (const queue of queues) for (let v; (v = queue.take()) >= 0; ) if (!placed[v]) return v;
     return -1;
   };
 

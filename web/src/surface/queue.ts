@@ -7,8 +7,8 @@ export class Queue {
     this.items.push(item);
   }
 
-  /** Takes items out, one after the other, those that are added meanwhile too. */
-  *[Symbol.iterator](): Generator<number> {
-    while (this.at < this.items.length) yield this.items[this.at++]!;
+  /** Takes the first one out; -1 where there is none. */
+  take(): number {
+    return this.at < this.items.length ? this.items[this.at++]! : -1;
   }
 }
