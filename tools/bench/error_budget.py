@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 import cndhf_codec
 from cndhf_codec.decoder.surface.levels import Level, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
-from cndhf_codec.encoder.surface import to_size
+from cndhf_codec.encoder.surface import encode, to_size
+from cndhf_codec.format.container import rotation_matrix
 from cndhf_codec.mesh.normalise import normalisation
 from cndhf_codec.mesh.read import Mesh, read_mesh
 
@@ -39,9 +41,10 @@ class Stages:
         self._by_faces: dict[bytes, dict[str, float]] = {}
         self.kept: dict[str, float] = {}
         self._least = float("inf")
+        self._rotation = np.eye(3)  # of the frame of the grid
 
     def _error(self, vertices: Any, faces: Any) -> float:
-        given = self._norm.undo(vertices)
+        given = self._norm.undo(vertices @ self._rotation)
         return self._reference.figures((given, faces))["CD"]
 
     def _limit_error(self, faces: Any, sharp: Any, control: Any) -> float:
@@ -63,24 +66,32 @@ class Stages:
 
     def edited(self, function: Any) -> Any:
         def wrapped(one: Any, mesh: Any, *rest: Any) -> Any:
-            after = function(one, mesh, *rest)
-            found = after.fitted
+            after, found = function(one, mesh, *rest)
             before = self._by_faces[mesh.faces.tobytes()]
-            edits = self._limit_error(after.mesh.faces, found.sharp, found.control)
-            self._by_faces[after.mesh.faces.tobytes()] = {**before, "edits": edits}
-            return after
+            edits = self._limit_error(after.faces, found.sharp, found.control)
+            self._by_faces[after.faces.tobytes()] = {**before, "edits": edits}
+            return after, found
 
         return wrapped
 
     def rounded(self, function: Any) -> Any:
-        def wrapped(one: Any, mesh: Any, target: Any, size: int, coarsest: float) -> Any:
-            sized = function(one, mesh, target, size, coarsest)
+        def wrapped(one: Any, mesh: Any, target: Any, size: int, *rest: Any, **options: Any) -> Any:
+            sized = function(one, mesh, target, size, *rest, **options)
             row = self._by_faces.get(mesh.faces.tobytes())
-            if row is not None and len(sized.body) <= size and sized.error < self._least:
+            if row is not None and sized.n_bytes <= size and sized.error < self._least:
                 self._least = sized.error
                 rounding = self._limit_error(mesh.faces, one.sharp, sized.mesh.vertices)
                 self.kept = {**row, "rounding": rounding}
             return sized
+
+        return wrapped
+
+    def turned(self, function: Any) -> Any:
+        def wrapped(*given: Any) -> Any:
+            quaternion = function(*given)
+            if quaternion:
+                self._rotation = rotation_matrix(quaternion)
+            return quaternion
 
         return wrapped
 
@@ -89,13 +100,20 @@ def row(name: str, size: int, preset: str) -> str:
     mesh = read_mesh(mesh_path(name))
     reference = Reference(mesh)
     stages = Stages(reference, mesh)
-    plain = to_size.fit_with_creases, to_size.edited, to_size._rounded
+    followed = {
+        (to_size, "fit_with_creases"): stages.creases,
+        (to_size, "edited"): stages.edited,
+        (to_size, "on_grid"): stages.rounded,
+        (encode, "turned_frame"): stages.turned,
+    }
+    plain = {at: getattr(*at) for at in followed}
     try:
-        to_size.fit_with_creases, to_size.edited = stages.creases(plain[0]), stages.edited(plain[1])
-        to_size._rounded = stages.rounded(plain[2])
+        for at, follow in followed.items():
+            setattr(*at, follow(plain[at]))
         model = cndhf_codec.encode(mesh_path(name), preset=preset, target_size=size, representation="surface")
     finally:
-        to_size.fit_with_creases, to_size.edited, to_size._rounded = plain
+        for at, function in plain.items():
+            setattr(*at, function)
     out = model.to_mesh()
     decoded = reference.figures((out.vertices, out.faces))["CD"]
     figures = {**stages.kept, "decoded": decoded}
