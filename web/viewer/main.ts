@@ -24,8 +24,9 @@ const canvas = element<HTMLCanvasElement>("canvas");
 const renderer = new WebGLRenderer({ canvas, antialias: true });
 const scene = new Scene();
 scene.background = new Color(0x20262d);
-const camera = new PerspectiveCamera(35, 1, 0.01, 100);
-camera.position.set(1.5, 1.1, 2.6);
+const ANGLE = 35; // degrees, of the picture's shorter side; the unit ball fits into it
+const camera = new PerspectiveCamera(ANGLE, 1, 0.01, 100);
+camera.position.set(1.65, 1.2, 2.85);
 const orbit = new OrbitControls(camera, canvas);
 orbit.addEventListener("change", draw);
 camera.add(new DirectionalLight(0xffffff, 2.4));
@@ -46,6 +47,8 @@ function draw(): void {
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
   renderer.setSize(width, height, false);
   camera.aspect = width / Math.max(height, 1);
+  // `fov` is that of the height.
+  camera.fov = (360 / Math.PI) * Math.atan(Math.tan((ANGLE / 360) * Math.PI) / Math.min(camera.aspect || 1, 1));
   camera.updateProjectionMatrix();
   renderer.render(scene, camera);
 }
