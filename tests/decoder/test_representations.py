@@ -86,6 +86,20 @@ def test_gradients_and_normals_point_outward(cube):
         np.testing.assert_allclose(g, -np.array(outward), atol=1e-5)
 
 
+def test_only_queries_that_need_normals_make_them(points, monkeypatch):
+    made, shaded = [], representation._Chosen.shaded
+    monkeypatch.setattr(representation._Chosen, "shaded", lambda chosen: [made.append(1), shaded(chosen)][1])
+    cube = surfaces.cube()
+    cube.contains(points)
+    cube.distance(points)
+    cube.implicit([[0, 0, 0], [1e3, 0, 0]], gradient=True)
+    cube.normals([[np.nan, 0, 0]])
+    assert not made
+    cube.normals(points)
+    cube.normals(points)
+    assert made == [1]
+
+
 def test_rays(cube):
     hits = cube.ray_intersect([[0, -20, 30.5], CENTRE, [0, 0, 0]], [[5, 0, 0], [0, 0, 1], [0, 1, 0]])
     np.testing.assert_allclose(hits.distance, [8, 2, np.inf], atol=1e-4)

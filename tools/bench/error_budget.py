@@ -40,7 +40,7 @@ class Stages:
         self._reference, self._norm = reference, normalisation(mesh)
         self._by_faces: dict[bytes, dict[str, float]] = {}
         self.kept: dict[str, float] = {}
-        self._least = float("inf")
+        self._rounded: list[tuple[Any, dict[str, float]]] = []
         self._rotation = np.eye(3)  # of the frame of the grid
 
     def _error(self, vertices: Any, faces: Any) -> float:
@@ -75,13 +75,20 @@ class Stages:
         return wrapped
 
     def rounded(self, function: Any) -> Any:
-        def wrapped(one: Any, mesh: Any, target: Any, size: int, *rest: Any, **options: Any) -> Any:
-            sized = function(one, mesh, target, size, *rest, **options)
+        def wrapped(one: Any, mesh: Any, target: Any, *rest: Any, **options: Any) -> Any:
+            sized = function(one, mesh, target, *rest, **options)
             row = self._by_faces.get(mesh.faces.tobytes())
-            if row is not None and sized.n_bytes <= size and sized.error < self._least:
-                self._least = sized.error
+            if row is not None:
                 rounding = self._limit_error(mesh.faces, one.sharp, sized.mesh.vertices)
-                self.kept = {**row, "rounding": rounding}
+                self._rounded.append((sized, {**row, "rounding": rounding}))
+            return sized
+
+        return wrapped
+
+    def ended(self, function: Any) -> Any:
+        def wrapped(*given: Any) -> Any:
+            sized = function(*given)
+            self.kept = next(row for made, row in self._rounded if made is sized)
             return sized
 
         return wrapped
@@ -104,6 +111,7 @@ def row(name: str, size: int, preset: str) -> str:
         (to_size, "fit_with_creases"): stages.creases,
         (to_size, "edited"): stages.edited,
         (to_size, "on_grid"): stages.rounded,
+        (encode, "surface_of_size"): stages.ended,
         (encode, "turned_frame"): stages.turned,
     }
     plain = {at: getattr(*at) for at in followed}

@@ -129,7 +129,7 @@ class SurfaceRepresentation:
         mesh = _reduced(chosen, detail.faces)
         if len(mesh.faces) == len(chosen.corners):
             return chosen.shaded()
-        return with_normals(mesh, _QueriedMesh(chosen).normals_at_nearest)
+        return with_normals(mesh, _QueriedMesh(chosen.plain(), chosen.shaded).normals_at_nearest)
 
     def occupancy(self, resolution: int, limits: Limits) -> OccupancyGrid:
         resolution = whole_in(resolution, "resolution", MIN_RESOLUTION, limits.resolution)
@@ -166,7 +166,7 @@ class SurfaceRepresentation:
     def _queried(self) -> _QueriedMesh:
         with self._lock:  # the first thread makes it, others wait
             if self._mesh is None:
-                self._mesh = _QueriedMesh(self._default(Limits()))
+                self._mesh = _QueriedMesh(self._default(Limits()).plain(), lambda: self._default(Limits()).shaded())
             return self._mesh
 
     def _chosen(self, detail: Detail, limits: Limits) -> _Chosen:
@@ -297,15 +297,16 @@ class _Chosen(NamedTuple):
 class _QueriedMesh:
     """A mesh with the tables of its queries, and normals between its vertices."""
 
-    def __init__(self, chosen: _Chosen) -> None:
-        self._chosen = chosen
-        self.vertices, faces = chosen.plain()
+    def __init__(self, mesh: TriangleMesh, shaded: Callable[[], ShadedMesh]) -> None:
+        """shaded: makes it again, with the same triangles. Most queries need no normals, and the levels that they are
+        made of take much more memory than the mesh."""
+        self.vertices, faces = mesh
         self.queries = TriangleQueries(self.vertices, faces)
+        self._make_shaded = shaded
 
     @cached_property
     def _shaded(self) -> ShadedMesh:
-        """Its triangles in the same order. Most queries need none of it, and it takes as long as the mesh."""
-        return self._chosen.shaded()
+        return self._make_shaded()
 
     def normals_at_nearest(self, points: F64) -> F64:
         """(N, 3) unit normals at the nearest points; 0 where there is none."""
@@ -317,6 +318,8 @@ class _QueriedMesh:
 
     def normals_at(self, faces: I64, points: F64) -> F64:
         """(N, 3) unit normals at points of faces (N,), between those of the corners."""
+        if not len(faces):
+            return np.zeros((0, 3))
         vertices, triangles, normals = self._shaded
         a, b, c = vertices[triangles[faces]].transpose(1, 0, 2)
         whole = np.cross(b - a, c - a)

@@ -23,7 +23,7 @@ from .nearest import Tree
 # Evidence for these constants: ADR 036.
 FINE_FACES = 20_000  # the tessellation has about so many faces; of twice as many, 1 KiB has 0.5 % less error
 LEAST_LEVELS = 2  # with one, quadratic patches are still too far off: igea at 2 KiB 1.09, with two 1.05
-FEW_BENT = 0.1  # share of the faces
+FEW_BENT = 0.1  # share of the faces, of those with an edge that is not sharp: then one level will do
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +53,10 @@ class Basis:
     def n_faces(self) -> int:
         return len(self.ptr) - 1
 
+    @property
+    def levels(self) -> int:
+        return round(math.log(len(self.fine) / self.n_faces, 4))
+
     def surface(self, control: F64) -> F64:
         """(N, 3) the points, for control vertices (V, 3)."""
         return np.asarray(self.matrix @ control)
@@ -65,13 +69,13 @@ class Basis:
         return tree
 
 
-def levels_of(faces: I64) -> int:
-    """How often a control mesh (F, 3) is subdivided for the fit."""
-    return min(max(round(math.log(FINE_FACES / len(faces), 4)), LEAST_LEVELS), 4)
+def levels_of(n_faces: int, least: int = LEAST_LEVELS) -> int:
+    """How often a control mesh is subdivided for the fit."""
+    return min(max(round(math.log(FINE_FACES / n_faces, 4)), least), 4)
 
 
-def coarsest_basis(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basis:
-    """As `basis_of`, for the least work.
+def coarsest_basis(faces: I64, n_vertices: int, sharp: I64, levels: int | None = None) -> Basis:
+    """As `basis_of`, for the least work. levels: where the mesh is no polyhedron; by default as many as it needs.
 
     A polyhedron, all of whose edges are sharp, is its own tessellation. Where a vertex has two of them alone, as at
     corners of sheets, a curve goes through it. Where few faces are bent and there are many, one level will do.
@@ -79,8 +83,9 @@ def coarsest_basis(faces: I64, n_vertices: int, sharp: I64, levels: int) -> Basi
     mesh = topology_of(faces, n_vertices, sharp)
     if mesh.sharp.all() and not np.any(np.bincount(mesh.edges.ravel(), minlength=n_vertices) == 2):
         levels = 0
-    elif len(faces) * 4**levels > 2 * FINE_FACES and (~mesh.sharp)[mesh.face_edges].any(axis=1).mean() <= FEW_BENT:
-        levels = 1
+    elif levels is None:
+        few = (~mesh.sharp)[mesh.face_edges].any(axis=1).mean() <= FEW_BENT
+        levels = levels_of(len(faces), 1 if few else LEAST_LEVELS)
     return _basis(mesh, levels)
 
 

@@ -51,19 +51,15 @@ class Simple(NamedTuple):
     faceted: bool
 
 
-def fit_simply(mesh: Manifold, target: Target, levels: int, rounds: int) -> Simple:
+def fit_simply(mesh: Manifold, target: Target, rounds: int) -> Simple:
     """Fit a control mesh without sharp edges but those of its boundary, and as a polyhedron."""
     topology = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
     inner = ~topology.sharp
-    none, faces = (
-        _fit(mesh, topology.edges, marked, target, levels, rounds)[0] for marked in (np.zeros_like(inner), inner)
-    )
+    none, faces = (_fit(mesh, topology.edges, marked, target, rounds)[0] for marked in (np.zeros_like(inner), inner))
     return Simple(faces if faces.error < none.error else none, faces.error <= HOPELESS * none.error)
 
 
-def fit_with_creases(
-    mesh: Manifold, target: Target, levels: int, trial_rounds: int, rounds: int, faceted: bool
-) -> Fitted:
+def fit_with_creases(mesh: Manifold, target: Target, trial_rounds: int, rounds: int, faceted: bool) -> Fitted:
     """Fit a control mesh with the sharp edges that serve it best. rounds: more, for the fit that is chosen. faceted:
     whether all may be sharp (`Simple`)."""
     topology = topology_of(mesh.faces, len(mesh.vertices), np.zeros((0, 2)))
@@ -74,7 +70,7 @@ def fit_with_creases(
     around: list[F64] = []
     hopeful: list[Mask] = []
     for marked in choices:
-        one, errors = _fit(mesh, topology.edges, marked, target, levels, trial_rounds)
+        one, errors = _fit(mesh, topology.edges, marked, target, trial_rounds)
         tries.append(one)
         if one.error > HOPELESS * tries[0].error:
             continue
@@ -88,7 +84,7 @@ def fit_with_creases(
     best = np.argmin(np.array(around) + MARK_BITS * bit * np.array(choices), axis=0)
     mixed = np.choose(best, choices)
     if mixed.any() and not any(np.array_equal(mixed, marked) for marked in choices):
-        tries.append(_fit(mesh, topology.edges, mixed, target, levels, trial_rounds)[0])
+        tries.append(_fit(mesh, topology.edges, mixed, target, trial_rounds)[0])
     # The error falls about as 1 / bits, so that their product tells which is worth its marks.
     best_try = min(
         tries, key=lambda t: _known(t) * (1 + _mark_bits(mesh, t.sharp) / (BITS_PER_VERTEX * len(t.control)))
@@ -98,9 +94,9 @@ def fit_with_creases(
     return best_try._replace(control=control, error=float(errors.sum()))
 
 
-def _fit(mesh: Manifold, edges: I64, marked: Mask, target: Target, levels: int, rounds: int) -> tuple[Fitted, F64]:
+def _fit(mesh: Manifold, edges: I64, marked: Mask, target: Target, rounds: int) -> tuple[Fitted, F64]:
     """Fit with some edges sharp; also the error of each control face."""
-    basis = coarsest_basis(mesh.faces, len(mesh.vertices), edges[marked], levels)
+    basis = coarsest_basis(mesh.faces, len(mesh.vertices), edges[marked])
     control = fit(basis, target, mesh.vertices, rounds)
     errors = mean_errors(basis, target, control)
     return Fitted(basis, edges[marked], control, float(errors.sum())), errors

@@ -22,7 +22,7 @@ LEAST_SECTION = 40  # bytes: a tetrahedron takes about so many
 
 
 class EncodedSurface(NamedTuple):
-    """A control mesh and its section. error: the fit's mean distance, normalised units."""
+    """A control mesh and its section. error: mean distance, normalised, at the fit's samples."""
 
     mesh: ControlMesh
     body: bytes

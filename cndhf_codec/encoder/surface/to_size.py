@@ -106,7 +106,7 @@ class _Tries:
         self._pace = Pace(deadline)
         self._work = _Work(settings, stage)
         mesh = self._simplify.to(round(self._wanted))
-        simple = fit_simply(mesh, target, levels_of(mesh.faces), settings.trial_rounds)
+        simple = fit_simply(mesh, target, settings.trial_rounds)
         self._faceted = simple.faceted
         first = on_grid(simple.best, mesh, target, size, 0, final=False)
         self._work.first(simple.best, first.error)
@@ -162,7 +162,7 @@ class _Tries:
             one,
             mesh,
             target,
-            levels_of(mesh.faces),
+            one.basis.levels or levels_of(len(mesh.faces)),
             8 * self._size,
             settings.edits,
             self._deadline.before(self._pace.longest),  # what comes after takes no longer than a try
@@ -200,7 +200,7 @@ class _Tries:
         mesh = self._simplify.to(n_faces)
         self._counts.update((n_faces, len(mesh.faces)))  # it may have a face or two less
         faceted = self._faceted or n_faces == len(self._given.faces)
-        one = fit_with_creases(mesh, target, levels_of(mesh.faces), settings.trial_rounds, rounds, faceted)
+        one = fit_with_creases(mesh, target, settings.trial_rounds, rounds, faceted)
         made = _Try(on_grid(one, mesh, target, self._size, settings.grid_steps, least), mesh, one)
         self._pace.done()
         return made

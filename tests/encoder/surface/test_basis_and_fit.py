@@ -10,7 +10,7 @@ from control_meshes import NO_EDGES, arrays, mean_distance, square, target_of
 from cndhf_codec.decoder.surface.levels import Level, next_level
 from cndhf_codec.decoder.surface.subdivision import topology_of
 from cndhf_codec.encoder.surface import fit as fit_module
-from cndhf_codec.encoder.surface.basis import Basis, basis_of
+from cndhf_codec.encoder.surface.basis import Basis, basis_of, coarsest_basis, levels_of
 from cndhf_codec.encoder.surface.fit import fit, linearised, mean_errors, solved
 
 
@@ -44,6 +44,26 @@ def test_the_surface_is_the_decoders(case, levels):
     np.testing.assert_allclose(surface[: topology.n_vertices], level.limit, atol=1e-12)
     np.testing.assert_array_equal(basis.fine, topology.faces)
     np.testing.assert_array_equal(basis.nodes, np.column_stack([basis.fine, len(level.limit) + topology.face_edges]))
+
+
+def test_levels_follow_from_the_faces_and_those_that_are_bent():
+    fine = trimesh.creation.box()
+    for _ in range(5):
+        fine = fine.subdivide()
+    vertices, faces = arrays(fine)
+    edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    assert len(faces) == 12288
+    some, half = edges[20:], edges[: len(edges) // 2]
+    levels = {
+        name: coarsest_basis(faces, len(vertices), sharp).levels
+        for name, sharp in (("all", edges), ("none", NO_EDGES), ("nearly all", some), ("half", half))
+    }
+    assert levels == {"all": 0, "none": 2, "nearly all": 1, "half": 2}
+    assert coarsest_basis(faces, len(vertices), some, 2).levels == 2
+    # Where there are few faces, bent ones need their levels.
+    vertices, faces = arrays(trimesh.creation.icosphere(2))
+    edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    assert coarsest_basis(faces, len(vertices), edges[2:]).levels == levels_of(len(faces)) == 3
 
 
 def test_points_of_patches_lie_on_the_limit_surface():

@@ -12,7 +12,7 @@ from cndhf_codec.encoder.surface.simplify import Simplifier
 
 
 def creased(mesh: trimesh.Trimesh, shape: trimesh.Trimesh) -> Fitted:
-    return fit_with_creases(arrays(mesh), target_of(shape), 3, 3, 4, True)
+    return fit_with_creases(arrays(mesh), target_of(shape), 3, 4, True)
 
 
 def test_the_edges_of_a_cube_are_sharp():
@@ -58,10 +58,10 @@ def test_the_corners_of_a_sheet_are_sharp():
 
 def test_a_simple_fit_takes_the_better_of_none_and_all_sharp():
     cube, ball = trimesh.creation.box(), trimesh.creation.icosphere(4)
-    faceted = fit_simply(arrays(cube), target_of(cube), 2, 2)
+    faceted = fit_simply(arrays(cube), target_of(cube), 2)
     assert len(faceted.best.sharp) == 18
     assert faceted.faceted
-    smooth = fit_simply(arrays(trimesh.creation.icosphere(1)), target_of(ball), 2, 2)
+    smooth = fit_simply(arrays(trimesh.creation.icosphere(1)), target_of(ball), 2)
     assert len(smooth.best.sharp) == 0
     assert not smooth.faceted
 
@@ -86,7 +86,7 @@ def test_all_edges_may_be_sharp_where_angled_ones_alone_are_hopeless(monkeypatch
 def test_sharp_edges_are_edges_smaller_number_first():
     shape = trimesh.creation.annulus(0.3, 1, 1, sections=64)
     vertices, faces = Simplifier.of(*arrays(shape)).to(120)
-    fitted = fit_with_creases(arrays(trimesh.Trimesh(vertices, faces, process=False)), target_of(shape), 2, 2, 2, True)
+    fitted = fit_with_creases(arrays(trimesh.Trimesh(vertices, faces, process=False)), target_of(shape), 2, 2, True)
     assert len(fitted.sharp) > 20
     edges = {tuple(sorted(e)) for e in np.asarray(faces)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}
     assert {tuple(e) for e in fitted.sharp.tolist()} <= edges

@@ -89,7 +89,7 @@ def test_a_handle_and_a_rim_stay():
     wavy.vertices[:, 2] = 0.1 * np.sin(7 * wavy.vertices[:, 0]) * np.cos(5 * wavy.vertices[:, 1])
     for shape, euler in ((tube, 0), (torus, 0), (wavy, 1)):
         mesh, target = coarse(shape, 150), target_of(shape, 6000)
-        after = edit(fit_with_creases(mesh, target, LEVELS, 2, 2, True), mesh, target, cycles=1)
+        after = edit(fit_with_creases(mesh, target, 2, 2, True), mesh, target, cycles=1)
         made = trimesh.Trimesh(after.mesh.vertices, after.mesh.faces, process=False)
         assert made.euler_number == euler
         counts = edge_counts(after.mesh.faces)
@@ -100,7 +100,7 @@ def test_a_handle_and_a_rim_stay():
 def test_creases_stay_where_they_are():
     shape = trimesh.creation.cylinder(1, 2, sections=256).subdivide().subdivide()
     mesh, target = coarse(shape, 80), target_of(shape, 6000)
-    fitted = fit_with_creases(mesh, target, LEVELS, 2, 4, True)
+    fitted = fit_with_creases(mesh, target, 2, 4, True)
     assert 0 < len(fitted.sharp) < len(mesh.faces)
     after = edit(fitted, mesh, target)
     assert len(after.fitted.sharp) == len(fitted.sharp)
@@ -123,7 +123,7 @@ def test_a_polyhedron_has_its_edges_turned():
     a, b, c, d = *wrong.faces[:half].T, wrong.faces[half:, 2]
     flipped[:half], flipped[half:] = np.column_stack([a, b, d]), np.column_stack([a, d, c])
     mesh = Manifold(wrong.vertices, flipped)
-    fitted = fit_with_creases(mesh, target, LEVELS, 2, 2, True)
+    fitted = fit_with_creases(mesh, target, 2, 2, True)
     all_sharp = edits._inner(mesh.faces, len(mesh.vertices))
     fitted = fitted._replace(
         basis=edits.coarsest_basis(mesh.faces, len(mesh.vertices), all_sharp, LEVELS),

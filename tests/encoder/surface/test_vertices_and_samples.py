@@ -137,14 +137,14 @@ def test_coarser_steps_are_tried_where_edges_are_sharp():
     vertices, faces = arrays(box)
     target = encode.Target(vertices, faces, 5000, 0)
     mesh = encode.cut(vertices, faces)
-    simple = to_size.fit_simply(mesh, target, 1, 2).best
+    simple = to_size.fit_simply(mesh, target, 2).best
     assert grid.smooth_share(simple) < 0.1
     none, some = (grid.on_grid(simple, mesh, target, 110, steps) for steps in (0, 12))
     assert some.mesh.step > none.mesh.step
     assert some.error < 0.9 * none.error
     assert some.n_bytes <= 110
     ball = encode.cut(*arrays(trimesh.creation.icosphere(2)))
-    round_one = to_size.fit_simply(ball, encode.Target(ball.vertices, ball.faces, 5000, 0), 2, 2).best._replace(
+    round_one = to_size.fit_simply(ball, encode.Target(ball.vertices, ball.faces, 5000, 0), 2).best._replace(
         sharp=np.zeros((0, 2), dtype=np.int64)
     )
     smooth = [grid.on_grid(round_one, ball, target, 300, steps) for steps in (0, 12)]
@@ -158,7 +158,7 @@ def simple_lattice() -> tuple[Any, Any, Any]:
     vertices, faces = arrays(box)
     target = encode.Target(vertices, faces, 5000, 0)
     mesh = encode.cut(vertices, faces)
-    return to_size.fit_simply(mesh, target, 1, 2).best, mesh, target
+    return to_size.fit_simply(mesh, target, 2).best, mesh, target
 
 
 def test_no_step_is_coded_twice(monkeypatch):

@@ -37,11 +37,11 @@ export function decodePositions(
       const h = opposite[nextHalf(corner)]!;
       if (h >= 0 && !missing[(h / 3) | 0]) corners.push(faces[h]!, faces[nextHalf(h)]!, faces[previousHalf(h)]!);
     }
-    const n = corners.length;
+    const m = corners.length / 3;
     for (let k = 0; k < 3; k++) {
       let guess = 0;
-      for (let i = 0; i < n; i++) guess += at[3 * corners[i]! + k]! * (i % 3 < 2 ? 8 + eighths : -2 * eighths);
-      guess = n ? Math.round((guess * 3) / (16 * n)) : (at[3 * from + k] ?? 0);
+      for (let i = 0; i < corners.length; i++) guess += at[3 * corners[i]! + k]! * (i % 3 < 2 ? 8 + eighths : -2 * eighths);
+      guess = m ? Math.round(guess / (16 * m)) : (at[3 * from + k] ?? 0);
       let x: number | undefined;
       if (repeats) {
         const found = [...new Set(corners.map((w) => at[3 * w + k]!))];
@@ -49,7 +49,7 @@ export function decodePositions(
           .sort((p, q) => Math.abs(p - guess) - Math.abs(q - guess) || p - q)
           .find((_, i) => coder.bit(same[16 * k + 4 * Math.min(found.length, 3) + Math.min(i, 3)]!));
       }
-      x ??= guess + (n ? told : untold).read(coder);
+      x ??= guess + (m ? told : untold).read(coder);
       if (Math.abs(x) > MAX_POSITION) {
         throw new PayloadError(`a vertex of the control mesh lies beyond ${MAX_POSITION} grid units`);
       }
