@@ -1,0 +1,111 @@
+"""What each choice that CN-DHF leaves open does to preset `paper`: one field of width 30, a row per shape and reading.
+
+    python tools/paper_readings.py out.tsv rocker-arm moai
+
+CD and CD-paper as in tools/paper_table.py. A batch of another size has as many steps as give equal work. Each row is
+written as soon as it is there; a run that is started again makes those that are missing.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from paper_floor import SAMPLES, Reference, corpus
+
+from cndhf_codec import encode
+from cndhf_codec.encoder import settings as encoder_settings
+from cndhf_codec.encoder.dhf.network.siren import Networks
+from cndhf_codec.encoder.paper import encode as paper_encode
+from cndhf_codec.encoder.paper import fit
+from cndhf_codec.encoder.paper.settings import PAPER, PaperSettings
+from cndhf_codec.mesh.sampling import sample_surface
+
+COLUMNS = ("mesh", "reading", "steps", "seconds", "CD", "p99", "CD-paper")
+WIDTH = 30  # 4,802 parameters
+# What is not as the preset has it.
+READINGS: dict[str, dict[str, Any]] = {
+    "as used": {},
+    "omega 15": {"omega": 15},
+    "omega 60": {"omega": 60},
+    "rate 3e-4": {"learning_rate": 3e-4},
+    "rate 3e-3": {"learning_rate": 3e-3},
+    "rate that does not fall": {},
+    "batch of 1,024": {"batch": 1024},
+    "batch of 16,384": {"batch": 16384},
+    "images of 256 pixels": {"target_resolution": 256},
+    "images of 1,024 pixels": {"target_resolution": 1024},
+    "no Laplacian": {"laplacian": 0.0},
+    "Laplacian of weight 10": {"laplacian": 10.0},
+    "C = 0.01": {"margin": 0.01},
+    "heights of at most 1": {},
+}
+
+
+def with_heights_to_one(targets: Any, settings: PaperSettings, *rest: Any) -> Networks:
+    """Fit heights divided by the greatest one, and C with them; the last layer multiplies them again."""
+    greatest = np.float32(max(np.abs(h[known]).max() for h, known in _known(targets)))
+    smaller = replace(targets, near=targets.near / greatest, far=targets.far / greatest)
+    network = fit.fit_paper(smaller, replace(settings, margin=settings.margin / greatest), *rest)
+    network.theta[0, -(2 * settings.width + 2) :] *= float(greatest)
+    return network
+
+
+def _known(targets: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(targets.near, targets.near_known), (targets.far, targets.far_known)]
+
+
+@contextmanager
+def reading(name: str, steps: int) -> Iterator[int]:
+    """Have the preset follow a reading; gives its number of steps."""
+    changes = READINGS[name]
+    steps = steps * PAPER.batch // changes.get("batch", PAPER.batch)
+    plain = PAPER, fit.cosine_schedule, paper_encode.fit_paper
+    encoder_settings.PRESETS["paper"] = replace(PAPER, steps=steps, **changes)
+    if name == "rate that does not fall":
+        fit.cosine_schedule = lambda warm, done: min(warm, 1.0)
+    if name == "heights of at most 1":
+        paper_encode.fit_paper = with_heights_to_one
+    try:
+        yield steps
+    finally:
+        encoder_settings.PRESETS["paper"], fit.cosine_schedule, paper_encode.fit_paper = plain
+
+
+@click.command()
+@click.argument("target", type=click.Path(path_type=Path))
+@click.argument("names", nargs=-1, required=True)
+@click.option("--steps", default=10_000, show_default=True, help="Of batches of the preset's size.")
+@click.option("--threads", default=1, show_default=True)
+def main(target: Path, names: tuple[str, ...], steps: int, threads: int) -> None:
+    if not target.exists():
+        target.write_text("\t".join(COLUMNS) + "\n", encoding="utf-8")
+    with target.open(encoding="utf-8") as file:
+        done = {(r["mesh"], r["reading"]) for r in csv.DictReader(file, delimiter="\t")}
+    for name in names:
+        shape = Reference.read(name)
+        for read in READINGS:
+            if (name, read) in done:
+                continue
+            with reading(read, steps) as taken:
+                model = encode(corpus() / f"{name}.ply", preset="paper", axes=1, width=WIDTH, threads=threads)
+            surface = model.to_mesh(512)
+            points = sample_surface(shape.norm.apply(surface.vertices), surface.faces, SAMPLES, seed=3)
+            d = model.report.normalised
+            assert d is not None
+            row = (name, read, taken, round(sum(model.report.seconds.values())))
+            figures = (f"{d.mean * 1e3:.3f}", f"{d.p99 * 1e3:.2f}", f"{1e3 * shape.cd_paper(points):.3f}")
+            line = "\t".join(map(str, (*row, *figures)))
+            click.echo(line)
+            with target.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+
+
+if __name__ == "__main__":
+    main()
