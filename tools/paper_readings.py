@@ -17,7 +17,8 @@ from typing import Any
 
 import click
 import numpy as np
-from paper_floor import SAMPLES, Reference, corpus
+from paper_floor import Reference, corpus
+from paper_table import figures_of
 
 from cndhf_codec import encode
 from cndhf_codec.encoder import settings as encoder_settings
@@ -25,7 +26,6 @@ from cndhf_codec.encoder.dhf.network.siren import Networks
 from cndhf_codec.encoder.paper import encode as paper_encode
 from cndhf_codec.encoder.paper import fit
 from cndhf_codec.encoder.paper.settings import PAPER, PaperSettings
-from cndhf_codec.mesh.sampling import sample_surface
 
 COLUMNS = ("mesh", "reading", "steps", "seconds", "CD", "p99", "CD-paper")
 WIDTH = 30  # 4,802 parameters
@@ -50,30 +50,25 @@ READINGS: dict[str, dict[str, Any]] = {
 
 def with_heights_to_one(targets: Any, settings: PaperSettings, *rest: Any) -> Networks:
     """Fit heights divided by the greatest one, and C with them; the last layer multiplies them again."""
-    greatest = np.float32(max(np.abs(h[known]).max() for h, known in _known(targets)))
+    sides = ((targets.near, targets.near_known), (targets.far, targets.far_known))
+    greatest = np.float32(max(np.abs(heights[known]).max() for heights, known in sides))
     smaller = replace(targets, near=targets.near / greatest, far=targets.far / greatest)
     network = fit.fit_paper(smaller, replace(settings, margin=settings.margin / greatest), *rest)
     network.theta[0, -(2 * settings.width + 2) :] *= float(greatest)
     return network
 
 
-def _known(targets: Any) -> list[tuple[np.ndarray, np.ndarray]]:
-    return [(targets.near, targets.near_known), (targets.far, targets.far_known)]
-
-
 @contextmanager
-def reading(name: str, steps: int) -> Iterator[int]:
-    """Have the preset follow a reading; gives its number of steps."""
-    changes = READINGS[name]
-    steps = steps * PAPER.batch // changes.get("batch", PAPER.batch)
+def reading(name: str, steps: int) -> Iterator[None]:
+    """Have the preset follow a reading, and take so many steps."""
     plain = PAPER, fit.cosine_schedule, paper_encode.fit_paper
-    encoder_settings.PRESETS["paper"] = replace(PAPER, steps=steps, **changes)
+    encoder_settings.PRESETS["paper"] = replace(PAPER, steps=steps, **READINGS[name])
     if name == "rate that does not fall":
         fit.cosine_schedule = lambda warm, done: min(warm, 1.0)
     if name == "heights of at most 1":
         paper_encode.fit_paper = with_heights_to_one
     try:
-        yield steps
+        yield
     finally:
         encoder_settings.PRESETS["paper"], fit.cosine_schedule, paper_encode.fit_paper = plain
 
@@ -87,21 +82,17 @@ def main(target: Path, names: tuple[str, ...], steps: int, threads: int) -> None
     if not target.exists():
         target.write_text("\t".join(COLUMNS) + "\n", encoding="utf-8")
     with target.open(encoding="utf-8") as file:
-        done = {(r["mesh"], r["reading"]) for r in csv.DictReader(file, delimiter="\t")}
+        done = {(r["mesh"], r["reading"], r["steps"]) for r in csv.DictReader(file, delimiter="\t")}
     for name in names:
         shape = Reference.read(name)
         for read in READINGS:
-            if (name, read) in done:
+            taken = steps * PAPER.batch // READINGS[read].get("batch", PAPER.batch)
+            if (name, read, str(taken)) in done:
                 continue
-            with reading(read, steps) as taken:
+            with reading(read, taken):
                 model = encode(corpus() / f"{name}.ply", preset="paper", axes=1, width=WIDTH, threads=threads)
-            surface = model.to_mesh(512)
-            points = sample_surface(shape.norm.apply(surface.vertices), surface.faces, SAMPLES, seed=3)
-            d = model.report.normalised
-            assert d is not None
             row = (name, read, taken, round(sum(model.report.seconds.values())))
-            figures = (f"{d.mean * 1e3:.3f}", f"{d.p99 * 1e3:.2f}", f"{1e3 * shape.cd_paper(points):.3f}")
-            line = "\t".join(map(str, (*row, *figures)))
+            line = "\t".join(map(str, (*row, *figures_of(model, shape).values())))
             click.echo(line)
             with target.open("a", encoding="utf-8") as file:
                 file.write(line + "\n")

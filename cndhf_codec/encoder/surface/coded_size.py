@@ -30,12 +30,11 @@ class SectionSizes:
 
     def __init__(self, mesh: ControlMesh) -> None:
         self._encoder = PositionEncoder(mesh)
-        walk = self._encoder.walk
-        counts = [len(by) for by in walk.foretold]
-        told = [corner for by in walk.foretold for corners in by for corner in corners]
-        self._walk = tuple(np.array(x, dtype=np.int64) for x in (walk.order, walk.near, [0, *counts], told))
-        np.cumsum(self._walk[2], out=self._walk[2])
-        self._found = np.empty(3 * max(counts), dtype=np.int64)
+        walk, told = self._encoder.walk, self._encoder.told.astype(np.int64)
+        counts = np.bincount(told[0], minlength=len(walk.order))
+        order, near = (np.array(x, dtype=np.int64) for x in (walk.order, walk.near))
+        self._walk = order, near, np.append(0, np.cumsum(counts)), told[2:]
+        self._found = np.empty(3 * counts.max(), dtype=np.int64)
 
     def of(self, mesh: ControlMesh) -> Coding:
         """How a mesh is coded, and the bytes of its section."""
@@ -63,8 +62,8 @@ def _code(
     """Code positions (V, 3).
 
     state: of the range encoder. contexts: (2, N) their chances and counts. walk: order and near, and start and told:
-    the faces that foretell vertex v have the corners told[3 i : 3 i + 3], i from start[v] to start[v + 1]. found: room
-    for a coordinate of all corners that foretell one vertex.
+    the faces that foretell vertex v have the corners told[:, i], i from start[v] to start[v + 1]. found: room for a
+    coordinate of all corners that foretell one vertex.
     """
     order, near, start, told = walk
     last = -1
@@ -74,12 +73,13 @@ def _code(
             guess, n_found = 0, 0
             if end > first:
                 for i in range(first, end):
-                    x, y, z = positions[told[3 * i], k], positions[told[3 * i + 1], k], positions[told[3 * i + 2], k]
+                    x, y, z = positions[told[0, i], k], positions[told[1, i], k], positions[told[2, i], k]
                     guess += (8 + eighths) * (x + y) - 2 * eighths * z
                 guess = (guess + 8 * (end - first)) // (16 * (end - first))
                 if repeats:
-                    for i in range(3 * first, 3 * end):
-                        n_found = _put(found, n_found, positions[told[i], k], guess)
+                    for i in range(first, end):
+                        for corner in range(3):
+                            n_found = _put(found, n_found, positions[told[corner, i], k], guess)
             elif near[v] >= 0:
                 guess = positions[near[v], k]
             elif last >= 0:

@@ -55,7 +55,7 @@ class PositionEncoder:
 
     mesh: one of them. Raises as `encode_surface` does. Whether repeated coordinates are said is tried both ways until
     one is clearly better. start: the range encoder after connectivity and marks. walk: over the vertices as they are
-    decoded.
+    decoded. told: as `told_of` has it.
     """
 
     def __init__(self, mesh: ControlMesh) -> None:
@@ -67,7 +67,7 @@ class PositionEncoder:
         faces = _least_first(faces)
         encode_marks(self.start, faces, numbering.vertices[mesh.sharp])
         self._vertices, self.walk = numbering.vertices, walk_of(faces)
-        self._told = told_of(self.walk)
+        self.told = told_of(self.walk)
         self._ways: tuple[bool, ...] = (False, True)
 
     def body(self, mesh: ControlMesh) -> bytes:
@@ -98,8 +98,8 @@ class PositionEncoder:
         are in the order of decoded vertices. After a way that is clearly better, later calls take that one alone."""
         positions = np.empty_like(mesh.positions)
         positions[self._vertices] = mesh.positions
-        eighths = best_eighths(self._told, positions)
-        few = repeated_share(self._told, positions) <= FEW_REPEATED
+        eighths = best_eighths(self.told, positions)
+        few = repeated_share(self.told, positions) <= FEW_REPEATED
         sizes = {way: n_bytes(eighths, way, positions) for way in ((False,) if few else self._ways)}
         repeats = min(sizes, key=lambda way: sizes[way])
         if sizes[repeats] < CLEARLY_LESS * max(sizes.values()):
