@@ -48,7 +48,7 @@ from paper_table import NAMES, fields_and_width, printed
 PARAMETERS = {1: 4851, 2: 9604, 3: 18484, 4: 43242}
 BYTES = {1: 4096, 2: 8192, 3: 16_384, 4: 32_768}
 MOST_FIELDS = 3  # of the published method where the paper has no figure of fields
-PAPER_STEPS = 10_000  # of each field, meant to take no longer than a rival; docs/paper.md has what more bring
+PAPER_STEPS = 20_000  # of each field, meant to take no longer than a rival; docs/paper.md has what more bring
 TRIAL_STEPS = 1000  # of a fit that tells how many fields to take
 RESOLUTION = 512  # cells of our meshes, of height fields
 QUICK, QUICK_STEPS = ("rocker-arm", "fertility"), 1500
