@@ -158,6 +158,11 @@ test("the viewer", { skip }, async (t) => {
     await open("spec/vectors/refused/checksum-flipped.cndhf");
     assert.match(await complained(), /^ChecksumError: .*damaged/);
     await shoot(page, "damaged");
+    assert.equal(await page.textContent("#facts"), ""); // nor is the shape before to be seen, or to be downloaded
+    assert.ok(await page.isDisabled("#download"));
+    await open("examples/bracket.cndhf");
+    assert.equal(await complained(), "");
+    assert.ok(await page.isEnabled("#download"));
   });
   assert.deepEqual(complaints, []);
 });

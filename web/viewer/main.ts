@@ -17,6 +17,7 @@ const element = <T extends HTMLElement>(id: string): T => document.getElementByI
 const input = (id: string): HTMLInputElement => element(id);
 const select = (id: string): HTMLSelectElement => element(id);
 
+const TITLE = document.title;
 const RESOLUTIONS = [32, 48, 64, 96, 128, 192, 256];
 const DIFFERENCE = 0.005; // of the shape's radius: the distance of the last colour
 
@@ -76,7 +77,7 @@ async function open(fileName: string, data: ArrayBuffer, isMesh = /\.(ply|obj|st
       element("original-label").hidden = false;
       select("original").value = "over";
     } else {
-      const opened = await decode(data);
+      const opened = await decode(data).catch(forget);
       [model, bytes, name] = [opened, new Uint8Array(data), fileName];
       prepare(opened);
     }
@@ -86,12 +87,26 @@ async function open(fileName: string, data: ArrayBuffer, isMesh = /\.(ply|obj|st
   }
 }
 
+/** After a file that cannot be read nothing of the one before stays: its shape under an error would be taken for it. */
+function forget(error: unknown): never {
+  work++;
+  [model, bytes, name, mesh] = [null, new Uint8Array(), "", null];
+  clear();
+  addOriginal();
+  draw();
+  fill([]);
+  element<HTMLFieldSetElement>("settings").disabled = true;
+  element("hint").hidden = false;
+  document.title = TITLE;
+  throw error;
+}
+
 /** Set the controls for a file that was opened. */
 function prepare(opened: Model): void {
   const isDhf = opened.representation === "dhf";
   element("hint").hidden = true;
   element<HTMLFieldSetElement>("settings").disabled = false;
-  document.title = `${name} – cndhf viewer`;
+  document.title = `${name} – ${TITLE}`;
   select("mode").value = "mesh";
   select("mode").options[1]!.disabled = !isDhf;
   element("detail-name").textContent = isDhf ? "Cells along the longest side" : "Level of subdivision";
