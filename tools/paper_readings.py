@@ -1,6 +1,7 @@
-"""What each choice that CN-DHF leaves open does to preset `paper`: one field of width 30, a row per shape and reading.
+"""What each choice that CN-DHF leaves open does to preset `paper`: a row per shape and reading.
 
     python tools/paper_readings.py out.tsv rocker-arm moai
+    python tools/paper_readings.py out.tsv horse lucy --fields 2 --width 17 --only "as used" --only "no Laplacian"
 
 CD and CD-paper as in tools/paper_table.py. A batch of another size has as many steps as give equal work. Each row is
 written as soon as it is there; a run that is started again makes those that are missing.
@@ -27,8 +28,8 @@ from cndhf_codec.encoder.paper import encode as paper_encode
 from cndhf_codec.encoder.paper import fit
 from cndhf_codec.encoder.paper.settings import PAPER, PaperSettings
 
-COLUMNS = ("mesh", "reading", "steps", "seconds", "CD", "p99", "CD-paper")
-WIDTH = 30  # 4,802 parameters
+COLUMNS = ("mesh", "reading", "fields", "width", "steps", "seconds", "CD", "p99", "CD-paper")
+KEY = COLUMNS[:5]
 # What is not as the preset has it.
 READINGS: dict[str, dict[str, Any]] = {
     "as used": {},
@@ -79,23 +80,29 @@ def reading(name: str, steps: int) -> Iterator[None]:
 @click.command()
 @click.argument("target", type=click.Path(path_type=Path))
 @click.argument("names", nargs=-1, required=True)
+@click.option("--fields", default=1, show_default=True)
+@click.option("--width", default=30, show_default=True, help="Of each field; 4,802 parameters by default.")
+@click.option("--only", multiple=True, type=click.Choice(list(READINGS)), help="Readings.  [default: all]")
 @click.option("--steps", default=10_000, show_default=True, help="Of batches of the preset's size.")
 @click.option("--threads", default=1, show_default=True)
-def main(target: Path, names: tuple[str, ...], steps: int, threads: int) -> None:
+def main(
+    target: Path, names: tuple[str, ...], fields: int, width: int, only: tuple[str, ...], steps: int, threads: int
+) -> None:
     if not target.exists():
         target.write_text("\t".join(COLUMNS) + "\n", encoding="utf-8")
     with target.open(encoding="utf-8") as file:
-        done = {(r["mesh"], r["reading"], r["steps"]) for r in csv.DictReader(file, delimiter="\t")}
+        done = {tuple(r[k] for k in KEY) for r in csv.DictReader(file, delimiter="\t")}
     for name in names:
         shape = Reference.read(name)
-        for read in READINGS:
+        for read in only or READINGS:
             taken = steps * PAPER.batch // READINGS[read].get("batch", PAPER.batch)
-            if (name, read, str(taken)) in done:
+            key = tuple(map(str, (name, read, fields, width, taken)))
+            if key in done:
                 continue
             with reading(read, taken):
-                model = encode(corpus() / f"{name}.ply", preset="paper", axes=1, width=WIDTH, threads=threads)
-            row = (name, read, taken, round(sum(model.report.seconds.values())))
-            line = "\t".join(map(str, (*row, *figures_of(model, shape).values())))
+                model = encode(corpus() / f"{name}.ply", preset="paper", axes=fields, width=width, threads=threads)
+            seconds = round(sum(model.report.seconds.values()))
+            line = "\t".join(map(str, (*key, seconds, *figures_of(model, shape).values())))
             click.echo(line)
             with target.open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
