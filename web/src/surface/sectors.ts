@@ -155,7 +155,7 @@ function setByAngles(
   const sums = new Float64Array(normals.length);
   for (let h = 0; h < faces.length; h++) {
     const sector = ofCorner[h]!;
-    if (!isNaN(normals[3 * sector]!)) continue;
+    if (sector < 0 || !isNaN(normals[3 * sector]!)) continue; // below 0: not used
     const vertex = 3 * faces[h]!;
     arm(u, points, vertex, 3 * faces[nextHalf(h)]!);
     arm(v, points, vertex, 3 * faces[previousHalf(h)]!);
