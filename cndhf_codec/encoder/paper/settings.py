@@ -24,7 +24,7 @@ class PaperSettings:
     # of its detail (ADR 034).
     target_resolution: int = 256
     steps: int = 5000
-    learning_rate: float = 1e-3
+    learning_rate: float = 1e-3  # at width 30; see fit.RATE_WIDTH
     batch: int = 4096  # points per step
     margin: float = 0.1  # C: outside the silhouette the far height is to be this much below the near one
     # Weight of the loss on Laplacians, which are five-point sums. The paper's is 10; it does not say of which pixels

@@ -16,7 +16,7 @@ from cndhf_codec.encoder.deadline import Deadline
 from cndhf_codec.encoder.dhf.fit.targets import HeightTargets, height_targets
 from cndhf_codec.encoder.dhf.frames import frame_for_axis
 from cndhf_codec.encoder.dhf.network.siren import forward, initialise
-from cndhf_codec.encoder.paper.fit import fit_paper, tile_images, weights_of
+from cndhf_codec.encoder.paper.fit import RATE_WIDTH, fit_paper, tile_images, weights_of
 from cndhf_codec.encoder.paper.settings import PaperSettings
 from cndhf_codec.encoder.paper.steps import TILE_SIDE, gradient
 from cndhf_codec.errors import EncodeError
@@ -119,3 +119,25 @@ def test_a_deadline_and_other_fits_stop_it(ball):
 def test_divergence_is_an_error(ball):
     with pytest.raises(EncodeError, match=r"diverged.*seed"):
         fit(ball, replace(SMALL, learning_rate=1e38))
+
+
+def test_a_fit_that_collapses_is_an_error_and_one_that_recovers_is_not(ball, monkeypatch):
+    def fit_with(losses):
+        left = iter(losses)
+        monkeypatch.setattr("cndhf_codec.encoder.paper.fit.adam_steps", lambda *_: next(left))
+        fit(ball, replace(SMALL, steps=100 * len(losses)))
+
+    fit_with([1.0, 0.03, 0.5, 0.04])
+    with pytest.raises(
+        EncodeError, match=r"diverged.* from 0.03 to 0.42; .*seed or a smaller --width"
+    ):
+        fit_with([1.0, 0.03, 0.42])
+
+
+def test_wider_fields_learn_in_smaller_steps(ball, monkeypatch):
+    rates = []
+    monkeypatch.setattr("cndhf_codec.encoder.paper.fit.adam_steps", lambda *a: rates.append(a[5]) or 1.0)
+    for width in (RATE_WIDTH, 2 * RATE_WIDTH):
+        fit(ball, replace(SMALL, width=width, steps=100))
+    np.testing.assert_allclose(rates[0], 2 * rates[1])
+    assert rates[0].max() <= SMALL.learning_rate
