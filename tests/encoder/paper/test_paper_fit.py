@@ -128,9 +128,7 @@ def test_a_fit_that_collapses_is_an_error_and_one_that_recovers_is_not(ball, mon
         fit(ball, replace(SMALL, steps=100 * len(losses)))
 
     fit_with([1.0, 0.03, 0.5, 0.04])
-    with pytest.raises(
-        EncodeError, match=r"diverged.* from 0.03 to 0.42; .*seed or a smaller --width"
-    ):
+    with pytest.raises(EncodeError, match=r"diverged.* from 0.03 to 0.42; .*seed or a smaller --width"):
         fit_with([1.0, 0.03, 0.42])
 
 
