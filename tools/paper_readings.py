@@ -9,7 +9,6 @@ written as soon as it is there; a run that is started again makes those that are
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,7 +18,7 @@ from typing import Any
 import click
 import numpy as np
 from paper_floor import Reference, corpus
-from paper_table import figures_of
+from paper_table import Table, figures_of
 
 from cndhf_codec import encode
 from cndhf_codec.encoder import settings as encoder_settings
@@ -81,31 +80,25 @@ def reading(name: str, steps: int) -> Iterator[None]:
 @click.argument("target", type=click.Path(path_type=Path))
 @click.argument("names", nargs=-1, required=True)
 @click.option("--fields", default=1, show_default=True)
-@click.option("--width", default=30, show_default=True, help="Of each field; 4,802 parameters by default.")
+@click.option("--width", default=PAPER.width, show_default=True, help="Of each field; 4,802 parameters by default.")
 @click.option("--only", multiple=True, type=click.Choice(list(READINGS)), help="Readings.  [default: all]")
 @click.option("--steps", default=10_000, show_default=True, help="Of batches of the preset's size.")
 @click.option("--threads", default=1, show_default=True)
 def main(
     target: Path, names: tuple[str, ...], fields: int, width: int, only: tuple[str, ...], steps: int, threads: int
 ) -> None:
-    if not target.exists():
-        target.write_text("\t".join(COLUMNS) + "\n", encoding="utf-8")
-    with target.open(encoding="utf-8") as file:
-        done = {tuple(r[k] for k in KEY) for r in csv.DictReader(file, delimiter="\t")}
+    table = Table(target, COLUMNS, KEY)
     for name in names:
         shape = Reference.read(name)
         for read in only or READINGS:
             taken = steps * PAPER.batch // READINGS[read].get("batch", PAPER.batch)
-            key = tuple(map(str, (name, read, fields, width, taken)))
-            if key in done:
+            key = dict(zip(KEY, (name, read, fields, width, taken), strict=True))
+            if table.has(key):
                 continue
             with reading(read, taken):
                 model = encode(corpus() / f"{name}.ply", preset="paper", axes=fields, width=width, threads=threads)
             seconds = round(sum(model.report.seconds.values()))
-            line = "\t".join(map(str, (*key, seconds, *figures_of(model, shape).values())))
-            click.echo(line)
-            with target.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
+            table.add({**key, "seconds": seconds, **figures_of(model, shape)})
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ Each row is written as soon as it is there; a run that is started again makes th
 from __future__ import annotations
 
 import csv
-import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,6 +82,26 @@ def use_loss(loss: str) -> None:
         fit.tile_images = lambda targets: regressing(made(targets))
 
 
+class Table:
+    """A file of rows, each written as soon as it is made. key: the columns that tell rows apart."""
+
+    def __init__(self, path: Path, columns: Sequence[str], key: Sequence[str]) -> None:
+        self._path, self._columns, self._key = path, columns, key
+        if not path.exists():
+            path.write_text("\t".join(columns) + "\n", encoding="utf-8")
+        with path.open(encoding="utf-8") as file:
+            self._there = {tuple(r[k] for k in key) for r in csv.DictReader(file, delimiter="\t")}
+
+    def has(self, key: Mapping[str, object]) -> bool:
+        return tuple(str(key[k]) for k in self._key) in self._there
+
+    def add(self, row: Mapping[str, object]) -> None:
+        line = "\t".join(str(row[c]) for c in self._columns)
+        click.echo(line)
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+
 def figures_of(model: Model, shape: Reference) -> dict[str, str]:
     """CD and p99 as the encoder has measured them, and CD-paper, all times 1000."""
     surface = model.to_mesh(512)
@@ -116,20 +136,15 @@ def main(
 ) -> None:
     figure = printed(figures or corpus().parent / "paper-figures.tsv")
     use_loss(loss)
-    done = set()
-    if target.exists():
-        with target.open(encoding="utf-8") as file:
-            done = {tuple(r[k] for k in KEY) for r in csv.DictReader(file, delimiter="\t")}
-    else:
-        target.write_text("\t".join(COLUMNS) + "\n", encoding="utf-8")
+    table = Table(target, COLUMNS, KEY)
     for name in names:
         shape: Reference | None = None
         for level in levels.split(","):
             count, error = figure[NAMES.get(name, name), int(level)]
             fields, width = fields_and_width(count)
             fields += more_fields
-            key = tuple(map(str, (name, level, fields, width, steps, loss)))
-            if fields < 1 or key in done:
+            key = dict(zip(KEY, (name, level, fields, width, steps, loss), strict=True))
+            if fields < 1 or table.has(key):
                 continue
             shape = shape or Reference.read(name)
             path = corpus() / f"{name}.ply"
@@ -138,7 +153,7 @@ def main(
             bar.close()
             frames = [Frame(record.quaternion, record.box) for record in model.container.dhfs]
             row = dict(
-                zip(KEY, key, strict=True),
+                key,
                 faces=len(shape.solid.faces),
                 fields=len(frames),
                 parameters=model.info["parameters"],
@@ -151,11 +166,7 @@ def main(
                 "printed-parameters": count,
                 "printed": error,
             }
-            line = "\t".join(str(row[c]) for c in COLUMNS)
-            click.echo(line)
-            with target.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
-            sys.stdout.flush()
+            table.add(row)
 
 
 if __name__ == "__main__":
