@@ -17,10 +17,9 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "adaptive", "below", "bias", "bit", "bodies", "code", "count", "digits", "divided", "evaluate",
-  "finish", "frequencies", "header", "inputs", "items", "kind", "layers", "limit", "lookup", "magnitude", "matrix", "mesh", "negative", "network",
-  "nonzero", "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "range", "raw", "read", "refined",
-  "sharpness", "split", "starts", "topology", "valences", "widen", "winding", "zero",
+  "adaptive", "bias", "bit", "bodies", "count", "divided", "finish", "frequencies", "header", "inputs", "kind",
+  "layers", "limit", "lookup", "matrix", "mesh", "network", "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "raw",
+  "refined", "sharpness", "records", "sizes", "starts", "steps", "topology", "valences", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */

@@ -1,10 +1,10 @@
 // What is timed, in Node.js and in a page: bytes to positions, normals and index in typed arrays.
 
-/** With the decoder of dist/. `decoded`: when double height fields can be drawn from their weights. */
-export async function ours({ decode }, data) {
+/** With the decoder of dist/; `options` of toMesh. `decoded`: when double height fields can be drawn from their weights. */
+export async function ours({ decode }, data, options) {
   const model = await decode(data);
   const decoded = performance.now();
-  const mesh = await model.toMesh();
+  const mesh = await model.toMesh(options);
   return { triangles: mesh.index.length / 3, decoded };
 }
 

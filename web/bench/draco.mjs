@@ -1,93 +1,87 @@
 // Time to a mesh that can be drawn, against Draco's decoder with its wasm start-up, on a Draco file of equal bytes of the
-// same shape, in Node.js and in Chromium: node bench/draco.mjs FILE.cndhf [RUNS [CHROMIUM]]
+// same shape: node bench/draco.mjs FILE.cndhf [RUNS [CHROMIUM]]
 //
-// Every run is a fresh process or a fresh page, in turn: it gets the decoder, from the disk or from a server of this
-// machine, decodes, and makes positions, normals and index. In pages Draco is what DRACOLoader of three.js takes.
-// "Decoded" is how long double height fields take until a graphics card can draw them from their weights.
-// The peer is the shape's mesh, simplified (meshoptimizer) and coded (Draco, 11 bits) to the size of FILE. It has far fewer
-// triangles, so the times per triangle are printed, too.
+// Every run is a fresh process or a fresh page, in turn: it gets the decoder, decodes, and makes positions, normals and
+// index; of surfaces level 1, which is nearer to the shape than the peer's mesh, and the default mesh. "Decoded" is how
+// long double height fields take until a graphics card can draw them from their weights. Pages are Chromium's: with
+// decoders that lie on this machine, and over a line of 10 Mbit/s, as on a first visit. There Draco is what DRACOLoader
+// of three.js takes for glTF, the smaller one of two.
+// The peer is the shape's mesh, simplified (meshoptimizer) and coded (Draco, 11 bits) to the size of FILE.
 import { execFileSync } from "node:child_process";
 import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { MeshoptSimplifier } from "meshoptimizer";
 import { chromium } from "playwright-core";
+import { decode } from "../dist/index.js";
 import { serve } from "../test/serve.mjs";
-import { draco, ours } from "./decoders.mjs";
 
-const [, script, file, option = "15", executablePath = "/usr/bin/chromium"] = process.argv;
-if (option === "ours" || option === "draco") console.log(JSON.stringify(await once(option, new Uint8Array(readFileSync(file)))));
-else {
-  const folder = mkdtempSync(join(tmpdir(), "cndhf-"));
-  try {
-    const own = readFileSync(file);
-    const peer = join(folder, "peer.drc");
-    writeFileSync(peer, await peerOf(file, own.length));
-    const files = { ours: file, draco: peer };
-    const sizes = { ours: own.length, draco: readFileSync(peer).length };
-    await compare("Node.js", sizes, (name) =>
-      JSON.parse(execFileSync(process.execPath, [script, files[name], name], { encoding: "utf8" })),
-    );
-    if (existsSync(executablePath)) {
-      const { server, address } = await serve();
-      const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
-      await compare("Chromium", sizes, async (name) => {
+const LINE = { latency: 40, downloadThroughput: 10e6 / 8, uploadThroughput: 10e6 / 8 }; // milliseconds there and back, bytes per second
+
+const [, , file, runs = "15", executablePath = "/usr/bin/chromium"] = process.argv;
+const folder = mkdtempSync(join(tmpdir(), "cndhf-"));
+try {
+  const own = readFileSync(file);
+  const model = await decode(own);
+  const peer = join(folder, "peer.drc");
+  writeFileSync(peer, await peerOf(await model.toMesh(), own.length));
+  const ways = { draco: [peer], ours: [file, {}] };
+  if (model.representation === "surface") ways["ours, level 1"] = [file, { level: 1 }];
+  const script = fileURLToPath(new URL("once.mjs", import.meta.url));
+  await compare("Node.js", ways, (path, options) =>
+    JSON.parse(execFileSync(process.execPath, [script, path, JSON.stringify(options ?? null)], { encoding: "utf8" })),
+  );
+  if (existsSync(executablePath)) {
+    const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
+    for (const [where, line] of [["Chromium", null], ["Chromium, 10 Mbit/s", LINE]]) {
+      const { server, address } = await serve({ gzip: line !== null });
+      await compare(where, ways, async (path, options) => {
         const context = await browser.newContext();
         const page = await context.newPage();
         await page.goto(new URL("bench/empty.html", address).href);
-        const found = await page.evaluate(inPage, [name, [...readFileSync(files[name])]]);
+        if (line) {
+          const session = await context.newCDPSession(page);
+          await session.send("Network.enable");
+          await session.send("Network.emulateNetworkConditions", { offline: false, ...line });
+        }
+        const found = await page.evaluate(inPage, [options ?? null, [...readFileSync(path)]]);
         await context.close();
         return found;
       });
-      await browser.close();
       server.close();
     }
-  } finally {
-    rmSync(folder, { recursive: true });
+    await browser.close();
   }
+} finally {
+  rmSync(folder, { recursive: true });
 }
 
-async function compare(where, sizes, run) {
-  const found = { ours: [], draco: [] };
-  for (let k = 0; k < Number(option); k++) {
-    for (const name of ["ours", "draco"]) found[name].push(await run(name));
+async function compare(where, ways, run) {
+  const found = Object.fromEntries(Object.keys(ways).map((name) => [name, []]));
+  for (let k = 0; k < Number(runs); k++) {
+    for (const name of Object.keys(ways)) found[name].push(await run(...ways[name]));
   }
   const median = (name, key) => found[name].map((x) => x[key]).sort((a, b) => a - b)[found[name].length >> 1];
-  const times = { ours: median("ours", "milliseconds"), draco: median("draco", "milliseconds") };
-  const decoded = median("ours", "decoded");
-  for (const name of ["ours", "draco"]) {
-    const n = found[name][0].triangles;
-    const after = name === "ours" ? `, decoded after ${decoded.toFixed(1)} ms` : "";
+  for (const name of Object.keys(ways)) {
+    const [time, decoded] = ["milliseconds", "decoded"].map((key) => median(name, key));
+    const ratio = (x) => `${(x / median("draco", "milliseconds")).toFixed(2)} of Draco's`;
     console.log(
-      `${where}, ${name}: ${sizes[name]} bytes, ${n} triangles, ${times[name].toFixed(1)} ms, ` +
-        `${((1000 * times[name]) / n).toFixed(1)} us per triangle${after}`,
+      `${where}, ${name}: ${readFileSync(ways[name][0]).length} bytes, ${found[name][0].triangles} triangles, ${time.toFixed(1)} ms` +
+        (name === "draco" ? "" : `, ${ratio(time)}; decoded after ${decoded.toFixed(1)} ms, ${ratio(decoded)}`),
     );
   }
-  const perTriangle = (times.ours / found.ours[0].triangles) / (times.draco / found.draco[0].triangles);
-  console.log(
-    `${where}, ratios of medians over Draco's: ${(times.ours / times.draco).toFixed(2)}, ` +
-      `per triangle ${perTriangle.toFixed(2)}, decoded ${(decoded / times.draco).toFixed(2)}`,
-  );
-}
-
-/** One run in this process. */
-async function once(name, data) {
-  const start = performance.now();
-  const { triangles, decoded } = await (name === "ours"
-    ? ours(await import("../dist/index.js"), data)
-    : draco(await createRequire(import.meta.url)("draco3d").createDecoderModule({}), data));
-  const end = performance.now();
-  return { milliseconds: end - start, decoded: (decoded ?? end) - start, triangles };
 }
 
 /** One run in a page. */
-async function inPage([name, bytes]) {
+async function inPage([options, bytes]) {
   const data = Uint8Array.from(bytes);
   const { draco, ours } = await import("/web/bench/decoders.mjs");
-  const libraries = "/web/node_modules/three/examples/jsm/libs/draco/";
+  const libraries = "/web/node_modules/three/examples/jsm/libs/draco/gltf/";
   const start = performance.now();
   let found;
-  if (name === "ours") found = await ours(await import("/web/dist/index.js"), data);
+  if (options) found = await ours(await import("/web/dist/index.js"), data, options);
   else {
     const wasm = fetch(`${libraries}draco_decoder.wasm`).then((response) => response.arrayBuffer());
     await new Promise((resolve, reject) => {
@@ -102,13 +96,9 @@ async function inPage([name, bytes]) {
   return { milliseconds: end - start, decoded: (found.decoded ?? end) - start, triangles: found.triangles };
 }
 
-async function peerOf(path, size) {
-  const { decode } = await import("../dist/index.js");
-  const { MeshoptSimplifier } = await import("meshoptimizer");
+async function peerOf({ positions, index }, size) {
   const encoderModule = await createRequire(import.meta.url)("draco3d").createEncoderModule({});
   await MeshoptSimplifier.ready;
-  const model = await decode(new Uint8Array(readFileSync(path)));
-  const { positions, index } = await model.toMesh();
   let best = null;
   for (let low = 4, high = index.length / 3; low < high; ) {
     const faces = (low + high + 1) >> 1;

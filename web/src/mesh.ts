@@ -10,20 +10,22 @@ export interface Mesh {
   origin: [number, number, number];
 }
 
-/** Points of the normalised frame, three coordinates each, as a mesh has them. */
+/** Points of the normalised frame, three coordinates each, as a mesh has them: all, or those of these numbers. */
 export function placed(
   points: Float64Array,
   centre: [number, number, number],
   scale: number,
+  numbers?: Int32Array,
 ): Pick<Mesh, "positions" | "origin"> {
   // float32 has 24 bits: up to here it rounds coordinates by less than a millionth of the shape's size.
   const isFar = centre.some((x) => Math.abs(x) > 8 * scale);
-  const positions = new Float32Array(points.length);
+  const positions = new Float32Array(numbers ? 3 * numbers.length : points.length);
   const [x, y, z] = isFar ? [0, 0, 0] : centre;
-  for (let i = 0; i < points.length; i += 3) {
-    positions[i] = points[i]! * scale + x;
-    positions[i + 1] = points[i + 1]! * scale + y;
-    positions[i + 2] = points[i + 2]! * scale + z;
+  for (let i = 0; i < positions.length; i += 3) {
+    const at = numbers ? 3 * numbers[i / 3]! : i;
+    positions[i] = points[at]! * scale + x;
+    positions[i + 1] = points[at + 1]! * scale + y;
+    positions[i + 2] = points[at + 2]! * scale + z;
   }
   return { positions, origin: isFar ? centre : [0, 0, 0] };
 }

@@ -1,12 +1,12 @@
 /** One double height field: spec/cndhf.md, section 6.1. */
 import { rotationMatrix } from "../rotation.js";
-import { Network } from "./network.js";
+import { networkOf } from "./network.js";
 import type { DhfRecord } from "./records.js";
 
 export class Field {
   /** Takes the normalised frame to (u, v, z), row by row. */
   declare readonly rotation: number[];
-  private declare readonly network: Network;
+  private declare readonly network: (uv: Float64Array) => Float64Array;
 
   constructor(
     readonly record: DhfRecord,
@@ -14,7 +14,7 @@ export class Field {
     readonly tensors: Float32Array[],
   ) {
     this.rotation = rotationMatrix(record.quaternion);
-    this.network = new Network(tensors, record.omegaFirst, record.omegaHidden);
+    this.network = networkOf(tensors, record.omegaFirst, record.omegaHidden);
   }
 
   /** Near and far heights of points (u, v, u, v, ...), clamped to the box and folded. */
@@ -27,7 +27,7 @@ export class Field {
       const clamped = Math.min(Math.max(x, low), high);
       return (fold >> k) & 1 ? middle + Math.abs(clamped - middle) : clamped;
     });
-    return this.network.evaluate(inputs);
+    return this.network(inputs);
   }
 
   /** f of this field at points (x, y, z, ...) of the normalised frame. */

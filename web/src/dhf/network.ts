@@ -21,27 +21,22 @@ interface Layer {
   bias: Float64Array;
 }
 
-/** (u, v) to (near, far). */
-export class Network {
-  private readonly layers: Layer[] = [];
-
-  constructor(tensors: Float32Array[], omegaFirst: number, omegaHidden: number) {
-    const last = tensors.length - 2;
-    for (let i = 0; i <= last; i += 2) {
-      // sin(omega (W x + b)) = sin((omega W) x + omega b)
-      const omega = i === last ? 1 : i ? omegaHidden : omegaFirst;
-      const [matrix, bias] = [tensors[i]!, tensors[i + 1]!].map((t) => Float64Array.from(t, (w) => w * omega)) as [
-        Float64Array, Float64Array,
-      ];
-      this.layers.push({ inputs: matrix.length / bias.length, outputs: bias.length, matrix, bias });
-    }
+/** A function from points (u, v, u, v, ...) to heights: near, far, near, far, ... */
+export function networkOf(tensors: Float32Array[], omegaFirst: number, omegaHidden: number): (uv: Float64Array) => Float64Array {
+  const layers: Layer[] = [];
+  const last = tensors.length - 2;
+  for (let i = 0; i <= last; i += 2) {
+    // sin(omega (W x + b)) = sin((omega W) x + omega b)
+    const omega = i === last ? 1 : i ? omegaHidden : omegaFirst;
+    const [matrix, bias] = [tensors[i]!, tensors[i + 1]!].map((t) => Float64Array.from(t, (w) => w * omega)) as [
+      Float64Array, Float64Array,
+    ];
+    layers.push({ inputs: matrix.length / bias.length, outputs: bias.length, matrix, bias });
   }
-
-  /** Heights of points (u, v, u, v, ...): near, far, near, far, ... */
-  evaluate(uv: Float64Array): Float64Array {
+  return (uv) => {
     const nPoints = uv.length / 2;
     const out = new Float64Array(uv.length);
-    const widest = Math.max(2, this.layers[0]!.outputs);
+    const widest = Math.max(2, layers[0]!.outputs);
     let x = new Float64Array(POINTS * widest);
     let y = new Float64Array(POINTS * widest);
     for (let first = 0; first < nPoints; first += POINTS) {
@@ -50,8 +45,8 @@ export class Network {
         x[p] = uv[2 * (first + p)]!;
         x[POINTS + p] = uv[2 * (first + p) + 1]!;
       }
-      for (let k = 0; k < this.layers.length; k++) {
-        apply(this.layers[k]!, x, y, k < this.layers.length - 1);
+      for (let k = 0; k < layers.length; k++) {
+        apply(layers[k]!, x, y, k < layers.length - 1);
         [x, y] = [y, x];
       }
       for (let p = 0; p < n; p++) {
@@ -60,7 +55,7 @@ export class Network {
       }
     }
     return out;
-  }
+  };
 }
 
 /** y = W x + b, or its sine, for four points whose values stand side by side. */

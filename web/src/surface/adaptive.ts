@@ -6,9 +6,9 @@ import { arm, cross, dot, u, v, w } from "./vectors.js";
 
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
-// The triangles of a face by its divided edges: edge k, from corner k to the next, counts 2^k. Points 0 to 2 are its
+// The triangles of a face by its divided edges, unless all are: edge k, from corner k to the next, counts 2^k. Points 0 to 2 are its
 // corners, 3 + k the middle of edge k.
-const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150", "035314542345"].map((cut) =>
+const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150"].map((cut) =>
   [...cut].map(Number),
 );
 
@@ -27,7 +27,7 @@ export interface LimitMesh extends Sectors {
 export function limitMesh(
   control: Topology,
   vertices: Float64Array,
-  toleranceOf: (diagonal: number) => number,
+  toleranceOf: (diagonal: () => number) => number,
   maxLevel: number,
   isBalanced: boolean,
 ): LimitMesh {
@@ -35,7 +35,7 @@ export function limitMesh(
   let mesh = control;
   let next = nextVertices(mesh, vertices);
   let points = limitPoints(mesh, vertices, next);
-  const tolerance = toleranceOf(diagonal(points));
+  const tolerance = toleranceOf(() => diagonal(points));
   let error = 0; // of the level before
   for (let k = 0; k < maxLevel; k++) {
     if (k) {
@@ -60,21 +60,21 @@ export function limitMesh(
   for (let k = steps.length - 1; k > 0; k--) setWhole(steps[k - 1]!, steps[k]!);
   const sectors = sectorsOf(control, vertices, steps, points);
   const { ofCorner, ofNew } = sectors;
-  const index = new Uint32Array(control.faces.length * 4 ** steps.length);
+  // What is chosen is put over the corners of the last level: it is never longer than those of the faces before it.
+  const index = new Uint32Array(ofCorner.at(-1)!.buffer);
   let size = 0;
   const add = (k: number, face: number): void => {
     let kind = 0;
     const step = steps[k];
     if (step) for (let i = 0; i < 3; i++) kind += step.divided[step.mesh.ofHalf[3 * face + i]!]! << i;
-    if (kind === 7 && k < steps.length - 1) {
+    if (kind === 7) {
       for (let i = 0; i < 4; i++) add(k + 1, 4 * face + i);
     } else {
-      const old = ofCorner[k]!;
-      const made = ofNew[k]!;
-      for (const p of CUTS[kind]!) index[size++] = p < 3 ? old[3 * face + p]! : made[3 * face + p - 3]!;
+      for (const p of CUTS[kind]!) index[size++] = p < 3 ? ofCorner[k]![3 * face + p]! : ofNew[k]![3 * face + p - 3]!;
     }
   };
-  for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
+  if (tolerance < 0) size = index.length;
+  else for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
   const made = { ...sectors, points, index: index.slice(0, size) };
   if (isBalanced) balance(made, steps.at(-1)?.mesh ?? mesh);
   return made;
@@ -104,8 +104,13 @@ function setWhole(coarse: Step, fine: Step): void {
 function diagonal(points: Float64Array): number {
   let square = 0;
   for (let k = 0; k < 3; k++) {
-    const x = points.filter((_, i) => i % 3 === k).sort();
-    square += (x.at(-1)! - x[0]!) ** 2;
+    let low = Infinity;
+    let high = -Infinity;
+    for (let i = k; i < points.length; i += 3) {
+      low = Math.min(low, points[i]!);
+      high = Math.max(high, points[i]!);
+    }
+    square += (high - low) ** 2;
   }
   return Math.sqrt(square);
 }

@@ -1,9 +1,8 @@
 /** The faces of a control mesh: spec/cndhf.md, section 4.3, whose names these are. */
 import { inRange } from "../container.js";
 import { LimitError, PayloadError } from "../errors.js";
-import { UnsignedModel } from "./models.js";
-import { Queue } from "./queue.js";
-import { type RangeDecoder, closing, Context, contexts } from "./rangeCoder.js";
+import { unsignedModel } from "./models.js";
+import { type Context, type RangeDecoder, closing, context, contexts } from "./rangeCoder.js";
 
 const MAX_VERTICES = 2 ** 17;
 const MAX_FACES = 2 ** 18;
@@ -17,65 +16,70 @@ const OTHER_CLOSES = [1, 1, 2, 6, 18, 30, 35, 37, 37, 32];
 
 /** Vertex numbers of all faces, three per face, each with its least number first. `sectionSize` limits their number. */
 export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): Int32Array {
-  const oriented = coder.bit(new Context());
+  const oriented = coder.bit(context());
   const walked = grown(coder, !oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
   const turns = contexts(2);
   let turned = 0;
-  const numbers: number[] = []; // of vertices, in order of their first appearance
+  const numbers = new Int32Array(MAX_VERTICES); // of vertices, in order of their first appearance, from 1
   let count = 0;
+  const numberOf = (v: number): number => (numbers[v] ||= ++count) - 1;
   const faces = new Int32Array(walked.length);
   for (let f = 0; f < faces.length; f += 3) {
     if (!oriented) turned = coder.bit(turns[turned]!);
-    let a = (numbers[walked[f]!] ??= count++);
-    let b = (numbers[walked[f + 1 + turned]!] ??= count++);
-    let c = (numbers[walked[f + 2 - turned]!] ??= count++);
-    while (a > b || a > c) [a, b, c] = [b, c, a];
-    faces[f] = a;
-    faces[f + 1] = b;
-    faces[f + 2] = c;
+    const a = numberOf(walked[f]!);
+    const b = numberOf(walked[f + 1 + turned]!);
+    const c = numberOf(walked[f + 2 - turned]!);
+    const k = a < b && a < c ? 0 : b < c ? 2 : 1; // the least comes first
+    faces[f + k] = a;
+    faces[f + ((k + 1) % 3)] = b;
+    faces[f + ((k + 2) % 3)] = c;
   }
   return faces;
 }
 
 /** Grow all components; their faces, without those of caps. */
-function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number[] {
-  const out: number[] = [];
+function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32Array {
+  const out = new Int32Array(3 * maxFaces);
+  let size = 0;
   let nFaces = 0; // those of caps included
   // Of nodes.
-  const prev: number[] = [];
-  const next: number[] = [];
-  const vertex: number[] = [];
-  const dropped: boolean[] = [];
+  let nNodes = 0;
+  const prev = new Int32Array(3 * maxFaces);
+  const next = new Int32Array(3 * maxFaces);
+  const vertex = new Int32Array(3 * maxFaces);
+  const alive = new Uint8Array(3 * maxFaces);
   // Of vertices.
-  const degree: number[] = [];
-  const isCap: boolean[] = [];
-  const capped: boolean[] = [];
+  let nVertices = 0;
+  const degree = new Int32Array(MAX_VERTICES);
+  const caps = new Uint8Array(MAX_VERTICES); // 1 in a face of a cap, 2 the middle of a cap
 
-  const queues = Array.from({ length: LEVELS }, () => new Queue());
+  const queues = Array.from({ length: LEVELS }, (): number[] => []);
+  const heads = new Int32Array(LEVELS); // what is before is taken
   const pivotCloses = [0, 1, 2].map(() => PIVOT_CLOSES.map(closing));
   const otherCloses = OTHER_CLOSES.map(closing);
   const joins = closing(2);
   const far = closing(5);
-  const [another, caps, sides, twists] = contexts(4) as [Context, Context, Context, Context];
-  const stepCounts = new UnsignedModel();
+  const [another, covers, sides, twists] = contexts(4) as [Context, Context, Context, Context];
+  const stepCount = unsignedModel(coder);
 
-  const hasCaps = coder.bit(new Context());
-  while (coder.bit(another)) {
+  const { bit } = coder;
+  const hasCaps = bit(context());
+  while (bit(another)) {
     const a = addVertex();
     const b = addVertex();
     const c = addVertex();
     addFace(a, b, c, true);
     // The border runs the other way round than the face, as the next faces do.
-    const n = vertex.length;
+    const n = nNodes;
     addNode(a, n + 2, n + 1, true);
     addNode(c, n, n + 2, true);
     addNode(b, n + 1, n, true);
     for (let k = 0; k < 3; k++) push(n + k);
     for (let pivot = pop(); pivot >= 0; pivot = pop()) {
-      while (!dropped[pivot]) grow(pivot);
+      while (alive[pivot]) grow(pivot);
     }
   }
-  return out;
+  return out.subarray(0, size);
 
   function grow(P: number): void {
     const ahead = degree[vertex[next[P]!]!]! >= degree[vertex[prev[P]!]!]!;
@@ -84,18 +88,17 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     const S = other(Q, P);
     const p = vertex[P]!;
     const q = vertex[Q]!;
-    const kind = isCap[p] ? 2 : capped[p] ? 1 : 0;
-    if (coder.bit(pivotCloses[kind]![Math.min(degree[p]!, DEGREES - 1)]!)) {
+    if (bit(pivotCloses[caps[p]!]![Math.min(degree[p]!, DEGREES - 1)]!)) {
       addFace(p, q, vertex[R]!, ahead);
       close(P, R, Q);
-    } else if (S !== R && coder.bit(otherCloses[Math.min(degree[q]!, DEGREES - 1)]!)) {
+    } else if (S !== R && bit(otherCloses[Math.min(degree[q]!, DEGREES - 1)]!)) {
       addFace(p, q, vertex[S]!, ahead);
       close(Q, S, P);
-    } else if (coder.bit(joins)) {
+    } else if (bit(joins)) {
       join(P, Q, R, S, ahead);
     } else {
       const y = addVertex();
-      if (hasCaps && !(capped[p] || capped[q] || isCap[p] || isCap[q])) isCap[y] = !!coder.bit(caps);
+      if (hasCaps && !caps[p] && !caps[q]) caps[y] = 2 * bit(covers);
       addFace(p, q, y, ahead);
       const Y = addNode(y, P, Q, ahead);
       link(P, Q, Y);
@@ -107,7 +110,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
 
   /** Drop node N, whose neighbours A and B then meet. */
   function close(N: number, A: number, B: number): void {
-    dropped[N] = true;
+    alive[N] = 0;
     link(A, N, B);
     link(B, N, A);
     zip(A);
@@ -117,12 +120,12 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
   function join(P: number, Q: number, R: number, S: number, ahead: boolean): void {
     let X: number;
     let Y: number;
-    if (coder.bit(far)) {
-      Y = coder.raw(32 - Math.clz32(vertex.length - 1));
+    if (bit(far)) {
+      Y = coder.raw(32 - Math.clz32(nNodes - 1));
       X = ahead ? prev[Y]! : next[Y]!;
     } else {
-      const side = coder.bit(sides);
-      const steps = stepCounts.read(coder);
+      const side = bit(sides);
+      const steps = stepCount();
       inRange("the steps of a join of the control mesh", steps, 0, MAX_STEPS, PayloadError);
       let before = side ? P : Q;
       Y = side ? R : S;
@@ -130,11 +133,10 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
       X = side ? other(Y, before) : before;
     }
     const y = vertex[Y]!;
-    // Of a number that no node has, `dropped` is undefined.
-    if (dropped[Y] !== false || [P, Q, R, S].includes(Y) || y === vertex[P] || y === vertex[Q]) {
+    if (!alive[Y] || [P, Q, R, S].includes(Y) || y === vertex[P] || y === vertex[Q]) {
       throw new PayloadError("a join of the control mesh names a node that it cannot join");
     }
-    if (mayTwist && coder.bit(twists)) X = other(Y, X);
+    if (mayTwist && bit(twists)) X = other(Y, X);
     addFace(vertex[P]!, vertex[Q]!, y, ahead);
     const Z = addNode(y, X, Q, ahead);
     link(X, Y, Z);
@@ -146,14 +148,14 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
 
   /** Where the edges on both sides of a node are one edge, close the gap. */
   function zip(N: number): void {
-    if (dropped[N]) return;
+    if (!alive[N]) return;
     const A = prev[N]!;
     const B = next[N]!;
     if (vertex[A] !== vertex[B]) {
       push(N);
       return;
     }
-    dropped[N] = dropped[B] = true;
+    alive[N] = alive[B] = 0;
     if (A !== B) {
       const C = other(B, N);
       link(A, N, C);
@@ -176,19 +178,18 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
 
   /** Add a node of vertex v between two others, which change places unless `ahead`. */
   function addNode(v: number, before: number, after: number, ahead: boolean): number {
-    dropped.push(false);
-    prev.push(ahead ? before : after);
-    next.push(ahead ? after : before);
-    return vertex.push(v) - 1;
+    prev[nNodes] = ahead ? before : after;
+    next[nNodes] = ahead ? after : before;
+    vertex[nNodes] = v;
+    alive[nNodes] = 1;
+    return nNodes++;
   }
 
   function addVertex(): number {
-    if (degree.length === MAX_VERTICES) {
+    if (nVertices === MAX_VERTICES) {
       throw new LimitError(`the control mesh has more than ${MAX_VERTICES} vertices`);
     }
-    isCap.push(false);
-    capped.push(false);
-    return degree.push(0) - 1;
+    return nVertices++;
   }
 
   /** Add a face, whose first two vertices change places unless `ahead`. */
@@ -197,16 +198,16 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     degree[a]!++;
     degree[b]!++;
     degree[c]!++;
-    if (isCap[a] || isCap[b] || isCap[c]) capped[a] = capped[b] = capped[c] = true;
-    else out.push(ahead ? a : b, ahead ? b : a, c);
-  }
-
-  function level(N: number): number {
-    return Math.min(degree[vertex[N]!]!, LEVELS - 1);
+    if (caps[a]! > 1 || caps[b]! > 1 || caps[c]! > 1) for (const v of [a, b, c]) caps[v] ||= 1;
+    else {
+      out[size++] = ahead ? a : b;
+      out[size++] = ahead ? b : a;
+      out[size++] = c;
+    }
   }
 
   function push(N: number): void {
-    queues[level(N)]!.push(N);
+    queues[Math.min(degree[vertex[N]!]!, LEVELS - 1)]!.push(N);
   }
 
   /** The next pivot, or -1. A node whose vertex has got faces since it was queued goes to a higher queue. */
@@ -214,9 +215,11 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     for (let again = true; again; ) {
       again = false;
       for (let k = LEVELS - 1; k >= 0; k--) {
-        for (let N; (N = queues[k]!.take()) >= 0; ) {
-          if (dropped[N]) continue;
-          if (level(N) === k) return N;
+        const queue = queues[k]!;
+        while (heads[k]! < queue.length) {
+          const N = queue[heads[k]++]!;
+          if (!alive[N]) continue;
+          if (k === LEVELS - 1 || degree[vertex[N]!] === k) return N;
           push(N);
           again = true;
         }

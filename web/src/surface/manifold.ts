@@ -30,40 +30,52 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
   const first = unset(nVertices);
   const after = unset(n);
-  // Half-edges in order of their edges. So many numbers fit into a double: a file's vertices make 2^33 pairs at most.
-  const order = new Float64Array(n);
+  // Lists of half-edges by the greater of their vertices, then by the smaller one: then edges are in order. Numbers go to the front.
+  const byGreater = unset(nVertices);
+  const bySmaller = unset(nVertices);
+  const rest = unset(n);
   for (let h = n - 1; h >= 0; h--) {
     const a = faces[h]!;
     const b = faces[nextHalf(h)]!;
     if (a === b) fail(`face ${Math.floor(h / 3)} has a vertex twice`);
     after[h] = first[a]!;
     first[a] = h;
-    const low = Math.min(a, b);
-    const pair = (low * (2 * nVertices - low - 1)) / 2 + Math.max(a, b);
-    order[h] = pair * n + h;
+    const w = Math.max(a, b);
+    rest[h] = byGreater[w]!;
+    byGreater[w] = h;
   }
-  order.sort();
+  for (let w = nVertices - 1; w >= 0; w--) {
+    for (let h = byGreater[w]!; h >= 0; ) {
+      const v = faces[h]! + faces[nextHalf(h)]! - w;
+      const next = rest[h]!;
+      rest[h] = bySmaller[v]!;
+      bySmaller[v] = h;
+      h = next;
+    }
+  }
   const ofHalf = new Int32Array(n);
   const opposite = unset(n);
-  const ends: number[] = [];
-  let before = -1;
-  let last = -1;
-  for (let i = 0; i < n; i++) {
-    const h = order[i]! % n;
-    const pair = (order[i]! - h) / n;
-    const a = faces[h]!;
-    const b = faces[nextHalf(h)]!;
-    if (pair !== last) ends.push(Math.min(a, b), Math.max(a, b));
-    else if (opposite[before]! >= 0) fail(`the edge of vertices ${a},${b} has more than two faces`);
-    else {
-      opposite[h] = before;
-      opposite[before] = h;
+  const ends = new Int32Array(2 * n);
+  let size = 0;
+  for (let v = 0; v < nVertices; v++) {
+    let before = -1;
+    let last = -1;
+    for (let h = bySmaller[v]!; h >= 0; h = rest[h]!) {
+      const w = faces[h]! + faces[nextHalf(h)]! - v;
+      if (w !== last) {
+        ends[size++] = v;
+        ends[size++] = w;
+      } else if (opposite[before]! >= 0) fail(`the edge of vertices ${v},${w} has more than two faces`);
+      else {
+        opposite[h] = before;
+        opposite[before] = h;
+      }
+      ofHalf[h] = size / 2 - 1;
+      before = h;
+      last = w;
     }
-    ofHalf[h] = ends.length / 2 - 1;
-    before = h;
-    last = pair;
   }
-  const edges = { ends: Int32Array.from(ends), ofHalf, opposite, first, after };
+  const edges = { ends: ends.slice(0, size), ofHalf, opposite, first, after };
   checkFans(faces, edges);
   return edges;
 }

@@ -1,7 +1,6 @@
 /** Which edges are sharp: spec/cndhf.md, section 4.4. */
 import { around, type Edges, nextHalf } from "./manifold.js";
-import { Queue } from "./queue.js";
-import { type RangeDecoder, Context, contexts } from "./rangeCoder.js";
+import { type Context, type RangeDecoder, context, contexts } from "./rangeCoder.js";
 
 /** 1 for each sharp edge, boundary edges included. */
 export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: number, edges: Edges): Uint8Array {
@@ -14,12 +13,13 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
     sharp[ofHalf[h]!] = 0;
     todo[ofHalf[h]!] = 1;
   }
-  if (!todo.includes(1) || !coder.bit(new Context())) return sharp;
-  if (coder.bit(new Context())) return sharp.fill(1);
+  if (!todo.includes(1) || !coder.bit(context())) return sharp;
+  if (coder.bit(context())) return sharp.fill(1);
   const nSharp = new Int32Array(nVertices);
   const left = new Int32Array(nVertices);
   for (let i = 0; i < ends.length; i++) (todo[i >> 1] ? left : nSharp)[ends[i]!]!++;
-  const lines = new Queue();
+  const lines: number[] = []; // a queue: what is before `head` is taken
+  let head = 0;
   const follows = contexts(15); // line
   const starts = contexts(9); // alone
 
@@ -61,7 +61,10 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
   };
 
   for (let h = 0; h < faces.length; h++) {
-    for (let v; (v = lines.take()) >= 0; ) if (nSharp[v] === 1) follow(v);
+    while (head < lines.length) {
+      const v = lines[head++]!;
+      if (nSharp[v] === 1) follow(v);
+    }
     const edge = ofHalf[h]!;
     if (!todo[edge]) continue;
     const i = Math.min(nSharp[faces[h]!]!, 2);

@@ -54,11 +54,7 @@ export class SurfaceModel extends Shape {
    */
   async toMesh({ level }: SurfaceMeshOptions = {}): Promise<Mesh> {
     const { points, normals, index, ofSector } = level === undefined ? this.adaptive() : this.limit(level);
-    const placed = new Float64Array(normals.length);
-    for (let s = 0; s < ofSector.length; s++) {
-      for (let k = 0; k < 3; k++) placed[3 * s + k] = points[3 * ofSector[s]! + k]!;
-    }
-    return { ...toInput(placed, this.centre, this.scale), normals, index };
+    return { ...toInput(points, this.centre, this.scale, ofSector), normals, index };
   }
 
   /** Throws SheetError where there is no inside. Answered from the mesh that `toMesh` makes by default. */
@@ -79,8 +75,8 @@ export class SurfaceModel extends Shape {
   /** The mesh by default, in the normalised frame. */
   private adaptive(): LimitMesh {
     const { meanError, p99Error } = this.metadata;
-    const tolerance = (diagonal: number): number =>
-      meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal) : UNKNOWN_ERROR * diagonal;
+    const tolerance = (diagonal: () => number): number =>
+      meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal()) : UNKNOWN_ERROR * diagonal();
     const maxLevel = Math.min(MAX_LEVEL, Math.floor(Math.log2(MOST_ADAPTED / (this.control.faces.length / 3)) / 2));
     return limitMesh(this.topology(), this.controlVertices(), tolerance, maxLevel, this.oriented);
   }

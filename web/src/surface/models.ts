@@ -1,32 +1,30 @@
 /** Adaptive integers on top of the range decoder: spec/cndhf.md, section 4.2. */
-import { type RangeDecoder, Context, contexts } from "./rangeCoder.js";
+import { type RangeDecoder, context, contexts } from "./rangeCoder.js";
 
 const MAX_DIGITS = 21;
 
-export class UnsignedModel {
-  private readonly digits = contexts(MAX_DIGITS);
-  private readonly below = contexts(4 * MAX_DIGITS);
-
-  read(coder: RangeDecoder): number {
+/** A model of integers from 0: a function that decodes the next one. */
+export function unsignedModel({ bit, raw }: RangeDecoder): () => number {
+  const ofDigits = contexts(MAX_DIGITS);
+  const below = contexts(4 * MAX_DIGITS);
+  return () => {
     let digits = 1;
-    while (digits < MAX_DIGITS && coder.bit(this.digits[digits]!)) digits++;
-    const learnt = Math.min(digits - 1, 2);
+    while (digits < MAX_DIGITS && bit(ofDigits[digits]!)) digits++;
+    let rest = digits - 1;
     let value = 1;
-    for (let k = 0; k < learnt; k++) value = 2 * value + coder.bit(this.below[4 * (digits - 1) + value]!);
-    const rest = digits - 1 - learnt;
-    return value * 2 ** rest + coder.raw(rest) - 1;
-  }
+    for (let k = 0; k < 2 && rest; k++, rest--) value = 2 * value + bit(below[4 * (digits - 1) + value]!);
+    return (value << rest) + (rest && raw(rest)) - 1;
+  };
 }
 
-export class SignedModel {
-  private readonly nonzero = new Context();
-  private readonly negative = new Context();
-  private readonly magnitude = new UnsignedModel();
-
-  read(coder: RangeDecoder): number {
-    if (!coder.bit(this.nonzero)) return 0;
-    const negative = coder.bit(this.negative);
-    const value = 1 + this.magnitude.read(coder);
-    return negative ? -value : value;
-  }
+/** A model of integers of both signs. */
+export function signedModel(coder: RangeDecoder): () => number {
+  const nonzero = context();
+  const negative = context();
+  const magnitude = unsignedModel(coder);
+  return () => {
+    if (!coder.bit(nonzero)) return 0;
+    const sign = 1 - 2 * coder.bit(negative);
+    return sign * (1 + magnitude());
+  };
 }

@@ -5,7 +5,7 @@ import { decodeConnectivity } from "./connectivity.js";
 import { type Edges, edgesOf } from "./manifold.js";
 import { decodeMarks } from "./marks.js";
 import { decodePositions } from "./positions.js";
-import { RangeDecoder } from "./rangeCoder.js";
+import { rangeDecoder } from "./rangeCoder.js";
 
 const HEAD_SIZE = 3;
 const ROTATED = 0x10;
@@ -45,11 +45,11 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
     checkQuaternion(quaternion, "surface");
     start += 8;
   }
-  const coder = new RangeDecoder(body.subarray(start));
+  const coder = rangeDecoder(body.subarray(start));
   const faces = decodeConnectivity(coder, size);
   if (!faces.length) throw new PayloadError("the surface section holds no faces");
   let nVertices = 0;
-  for (let h = 0; h < faces.length; h++) nVertices = Math.max(nVertices, faces[h]! + 1);
+  for (let h = 0; h < faces.length; h++) if (faces[h]! >= nVertices) nVertices = faces[h]! + 1;
   const edges = edgesOf(faces, nVertices);
   const sharp = decodeMarks(coder, faces, nVertices, edges);
   const positions = decodePositions(coder, faces, nVertices, edges, eighths, flags & REPEATS);

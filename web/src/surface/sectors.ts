@@ -1,6 +1,6 @@
 /** Sectors of vertices and their normals on the limit surface: spec/cndhf.md, section 6.2. */
 import { nextHalf, previousHalf, unset } from "./manifold.js";
-import { divideCorners, type Topology } from "./subdivision.js";
+import { divide, divideCorners, type Topology } from "./subdivision.js";
 import { arm, cross, dot, u, v, w } from "./vectors.js";
 
 /** One step of subdivision. */
@@ -22,9 +22,9 @@ export interface Sectors {
   ofSector: Int32Array;
   /** Unit normals, three coordinates per sector. */
   normals: Float32Array;
-  /** Per step, the sector of each corner before it... */
+  /** Of the control mesh and after each step, the sector of each corner... */
   ofCorner: Int32Array[];
-  /** ... and that of the new vertex of each half-edge, in its face; -1 where it is not used. */
+  /** ... and per step that of the new vertex of each half-edge, in its face; -1 where it is not used. */
   ofNew: Int32Array[];
 }
 
@@ -32,43 +32,74 @@ export interface Sectors {
  * The sectors of all vertices of a control mesh, and of those that steps make of it where they are used. `points` are the
  * limit points of the vertices after all steps.
  */
-export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step[], points: Float64Array): Sectors {
+export function sectorsOf(
+  control: Topology,
+  vertices: Float64Array,
+  steps: Step[],
+  points: Float64Array,
+): Sectors {
   let most = control.faces.length;
   for (const { divided } of steps) for (let e = 0; e < divided.length; e++) most += 2 * divided[e]!;
   const ofSector = new Int32Array(most);
   const normals = new Float32Array(3 * most);
   let size = 0;
-  let isBare = false; // whether there are sectors without tangents, whose normals are NaN until the end
+  const bare: number[] = []; // sectors without tangents, whose normals are NaN until the end
+  const sums = new Float64Array(3 * most); // of theirs, those of the triangles at their corners
   const spokes = new Int32Array(control.faces.length + 4); // the neighbours of a vertex
 
   /** Add a sector of a vertex. Its tangents are sums over the spokes, with two weights for each. */
   const add = (vertex: number, weights: Float64Array): number => {
-    u.fill(0);
-    v.fill(0);
+    let sx = 0;
+    let sy = 0;
+    let sz = 0;
+    let tx = 0;
+    let ty = 0;
+    let tz = 0;
+    const own = 3 * vertex;
     for (let i = 0; i < weights.length; i += 2) {
-      arm(w, vertices, 3 * vertex, 3 * spokes[i >> 1]!);
-      for (let k = 0; k < 3; k++) {
-        u[k]! += weights[i]! * w[k]!;
-        v[k]! += weights[i + 1]! * w[k]!;
-      }
+      const at = 3 * spokes[i >> 1]!;
+      const s = weights[i]!;
+      const t = weights[i + 1]!;
+      const x = vertices[at]! - vertices[own]!;
+      const y = vertices[at + 1]! - vertices[own + 1]!;
+      const z = vertices[at + 2]! - vertices[own + 2]!;
+      sx += s * x;
+      sy += s * y;
+      sz += s * z;
+      tx += t * x;
+      ty += t * y;
+      tz += t * z;
     }
-    const length = cross();
-    if (!length) isBare = true;
-    for (let k = 0; k < 3; k++) normals[3 * size + k] = w[k]! / length;
+    const x = sy * tz - sz * ty;
+    const y = sz * tx - sx * tz;
+    const z = sx * ty - sy * tx;
+    const length = Math.sqrt(x * x + y * y + z * z);
+    if (!length) bare.push(size);
+    normals[3 * size] = x / length;
+    normals[3 * size + 1] = y / length;
+    normals[3 * size + 2] = z / length;
     ofSector[size] = vertex;
     return size++;
+  };
+
+  /** Add to the sum of a sector of vertex p: the normal of triangle p q r, times its angle at p. */
+  const addTriangle = (sector: number, p: number, q: number, r: number): void => {
+    arm(u, points, 3 * p, 3 * q);
+    arm(v, points, 3 * p, 3 * r);
+    const area = cross();
+    const share = area && Math.atan2(area, dot(u, v)) / area;
+    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * w[k]!;
   };
 
   const rounds: Float64Array[] = [];
   const round = (n: number): Float64Array => (rounds[n] ??= roundTangents(n));
   const crease = creaseTangents(3);
-  const none = new Float64Array(0);
   // The normals of some control vertices change from step to step: they are those after the last.
   const { faces, ofHalf, opposite, sharp, valences, sharpness } = control;
   const last = steps.at(-1);
-  const nFinest = last?.mesh.valences.length ?? 0;
   const scale = 4 ** (steps.length - 1); // corner h is corner 4 h after a step
-  const neighbour = (h: number, vertex: number): number => (last ? nFinest + last.mesh.ofHalf[h]! : vertex);
+  const neighbour = (h: number, vertex: number): number =>
+    last ? last.mesh.valences.length + last.mesh.ofHalf[h]! : vertex;
   vertices = last?.refined ?? vertices;
   const first = unset(faces.length);
   for (let h = 0; h < faces.length; h++) {
@@ -81,24 +112,28 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
     }
     let n = 0;
     let end = 0;
-    let corner = start;
+    let corner = 0;
+    let next = start;
     do {
+      corner = next;
       first[corner] = size;
-      end = previousHalf(corner);
       spokes[n++] = neighbour(corner * scale, faces[nextHalf(corner)]!);
-      spokes[n] = neighbour(previousHalf(corner * scale), faces[end]!);
-      corner = opposite[end]!;
-    } while (!sharp[ofHalf[end]!] && faces[corner] === vertex && corner !== start);
+      end = previousHalf(corner);
+      next = opposite[end]!;
+    } while (!sharp[ofHalf[end]!] && faces[next] === vertex && next !== start);
+    spokes[n] = neighbour(previousHalf(corner * scale), faces[end]!);
     const isCrease = sharpness[vertex] === 2 && sharp[ofHalf[start]!] && sharp[ofHalf[end]!];
-    add(vertex, isCrease ? creaseTangents(n) : sharpness[vertex]! < 2 && n === valences[vertex] ? round(n) : none);
+    add(vertex, isCrease ? creaseTangents(n) : round(sharpness[vertex]! < 2 && n === valences[vertex] ? n : 0));
+    if (bare.at(-1) === size - 1) while (n--) addTriangle(size - 1, vertex, spokes[n]!, spokes[n + 1]!);
   }
+  const nFirst = size;
   const ofCorner = [first];
   const ofNew: Int32Array[] = [];
-  steps.forEach(({ mesh: { faces, ofHalf, opposite, sharp, valences }, refined, divided }, k) => {
+  for (let k = 0; k < steps.length; k++) {
+    const { mesh, refined, divided } = steps[k]!;
+    const { faces, ofHalf, opposite, sharp, valences } = mesh;
     const nOld = valences.length;
-    if (k) ofCorner.push(divideCorners(ofCorner[k - 1]!, ofNew[k - 1]!));
     const made = unset(faces.length);
-    ofNew.push(made);
     vertices = refined;
     /** The neighbours of the new vertex of half-edge h that are in its face become the spokes from i on. */
     const setSpokes = (h: number, i: number): void => {
@@ -111,22 +146,32 @@ export function sectorsOf(control: Topology, vertices: Float64Array, steps: Step
       const o = opposite[h]!;
       const e = ofHalf[h]!;
       if (o >= h || !divided[e]) continue; // each edge once
+      const isOne = !sharp[e] && faces[o] !== faces[h]; // sector, of both faces
+      const weights = sharp[e] ? crease : round(isOne ? 6 : 0);
       setSpokes(h, 0);
-      if (!sharp[e] && faces[o] !== faces[h]) {
-        setSpokes(o, 3);
-        made[h] = made[o] = add(nOld + e, round(6));
-        continue;
+      if (isOne) setSpokes(o, 3);
+      made[h] = add(nOld + e, weights);
+      if (isOne) made[o] = made[h]!;
+      else if (o >= 0) {
+        setSpokes(o, 0);
+        made[o] = add(nOld + e, weights);
       }
-      made[h] = add(nOld + e, sharp[e] ? crease : none);
-      if (o < 0) continue;
-      setSpokes(o, 0);
-      made[o] = add(nOld + e, sharp[e] ? crease : none);
     }
-  });
-  if (isBare) {
-    const finest = last ? divideCorners(last.mesh.faces, last.mesh.ofHalf.map((e) => nFinest + e)) : faces;
-    const corners = last ? divideCorners(ofCorner.at(-1)!, ofNew.at(-1)!) : first;
-    setByAngles(normals, points, finest, corners);
+    ofNew.push(made);
+    ofCorner.push(divideCorners(ofCorner[k]!, made));
+  }
+  if (bare.at(-1)! >= nFirst) {
+    const finest = divide(last!.mesh).faces;
+    const corners = ofCorner.at(-1)!;
+    for (let h = 0; h < finest.length; h++) {
+      const sector = corners[h]!; // below 0: not used
+      if (isNaN(normals[3 * sector] ?? 0)) addTriangle(sector, finest[h]!, finest[nextHalf(h)]!, finest[previousHalf(h)]!);
+    }
+  }
+  for (const sector of bare) {
+    const sum = sums.subarray(3 * sector, 3 * sector + 3);
+    const length = Math.sqrt(dot(sum, sum)) || 1;
+    normals.set(sum.map((x) => x / length), 3 * sector);
   }
   return { ofSector: ofSector.slice(0, size), normals: normals.slice(0, 3 * size), ofCorner, ofNew };
 }
@@ -143,30 +188,4 @@ function creaseTangents(n: number): Float64Array {
   const out: number[] = [];
   for (let i = 0; i <= n; i++) out.push(+(i === 0) - +(i === n), i % n ? Math.sin(i * x) : end);
   return Float64Array.from(out);
-}
-
-/** Set normals that are NaN to sums of the unit normals of the triangles at their corners, by their angles. */
-function setByAngles(
-  normals: Float32Array,
-  points: Float64Array,
-  faces: Int32Array,
-  ofCorner: Int32Array,
-): void {
-  const sums = new Float64Array(normals.length);
-  for (let h = 0; h < faces.length; h++) {
-    const sector = ofCorner[h]!;
-    if (sector < 0 || !isNaN(normals[3 * sector]!)) continue; // below 0: not used
-    const vertex = 3 * faces[h]!;
-    arm(u, points, vertex, 3 * faces[nextHalf(h)]!);
-    arm(v, points, vertex, 3 * faces[previousHalf(h)]!);
-    const area = cross();
-    const share = area && Math.atan2(area, dot(u, v)) / area;
-    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * w[k]!;
-  }
-  for (let i = 0; i < normals.length; i += 3) {
-    if (!isNaN(normals[i]!)) continue;
-    const sum = sums.subarray(i, i + 3);
-    const length = Math.sqrt(dot(sum, sum)) || 1;
-    normals.set(sum.map((x) => x / length), i);
-  }
 }
