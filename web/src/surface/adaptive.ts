@@ -2,7 +2,7 @@
 import { nextHalf } from "./manifold.js";
 import { type Sectors, sectorsOf, type Step } from "./sectors.js";
 import { divide, limitPoints, nextLimitPoints, nextVertices, type Topology } from "./subdivision.js";
-import { arm, cross, dot, u, v, w } from "./vectors.js";
+import { found, look } from "./vectors.js";
 
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
@@ -122,23 +122,27 @@ function diagonal(points: Float64Array): number {
 function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64Array): Float64Array {
   const out = new Float64Array(sharp.length);
   for (let f = 0; f < faces.length; f += 3) {
-    const corner = 3 * faces[f]!;
-    arm(u, points, corner, 3 * faces[f + 1]!);
-    arm(v, points, corner, 3 * faces[f + 2]!);
-    const size = cross() || 1;
+    const a = 3 * faces[f]!;
+    const size = look(points, a, 3 * faces[f + 1]!, 3 * faces[f + 2]!) || 1;
+    const x = found[0]! / size;
+    const y = found[1]! / size;
+    const z = found[2]! / size;
+    const height = x * points[a]! + y * points[a + 1]! + z * points[a + 2]!;
     for (let h = f; h < f + 3; h++) {
       const e = ofHalf[h]!;
-      arm(u, points, corner, 3 * (valences.length + e));
-      out[e] = Math.max(out[e]!, Math.abs(dot(u, w)) / size);
+      const m = 3 * (valences.length + e);
+      out[e] = Math.max(out[e]!, Math.abs(x * points[m]! + y * points[m + 1]! + z * points[m + 2]! - height));
     }
   }
   for (let h = 0; h < faces.length; h++) {
     const e = ofHalf[h]!;
     if (!sharp[e]) continue;
-    arm(u, points, 3 * faces[h]!, 3 * faces[nextHalf(h)]!);
-    arm(v, points, 3 * faces[h]!, 3 * (valences.length + e));
-    const chord = dot(u, u);
-    out[e] = Math.max(out[e]!, chord ? cross() / Math.sqrt(chord) : Math.sqrt(dot(v, v)));
+    const a = 3 * faces[h]!;
+    const b = 3 * faces[nextHalf(h)]!;
+    const m = 3 * (valences.length + e);
+    const lengthTo = (c: number): number => (look(points, a, c, c), Math.sqrt(found[3]!));
+    const chord = lengthTo(b);
+    out[e] = Math.max(out[e]!, chord ? look(points, a, b, m) / chord : lengthTo(m));
   }
   return out;
 }
@@ -153,27 +157,27 @@ function balance({ points, index, ofSector }: LimitMesh, { sharp, sharpness }: T
     const a = 3 * ofSector[index[t]!]!;
     const b = 3 * ofSector[index[t + 1]!]!;
     const c = 3 * ofSector[index[t + 2]!]!;
-    arm(u, points, a, b);
-    arm(v, points, a, c);
-    cross();
-    for (let i = t; i < t + 3; i++) {
-      const s = 7 * index[i]!;
-      for (let k = 0; k < 3; k++) {
-        sums[s + k]! += w[k]!;
-        sums[s + 3 + k]! += points[a + k]! + points[b + k]! + points[c + k]!;
+    look(points, a, b, c);
+    for (let k = 0; k < 3; k++) {
+      const normal = found[k]!;
+      const sum = points[a + k]! + points[b + k]! + points[c + k]!;
+      for (let i = t; i < t + 3; i++) {
+        sums[7 * index[i]! + k]! += normal;
+        sums[7 * index[i]! + 3 + k]! += sum;
       }
-      sums[s + 6]! += 3;
     }
+    for (let i = t; i < t + 3; i++) sums[7 * index[i]! + 6]! += 3;
   }
   for (let sector = 0, s = 0; sector < ofSector.length; sector++, s += 7) {
-    const i = 3 * ofSector[sector]!;
+    const v = ofSector[sector]!;
+    let height = 0;
+    let square = 0;
     for (let k = 0; k < 3; k++) {
-      u[k] = points[i + k]! * sums[s + 6]! - sums[s + 3 + k]!;
-      v[k] = sums[s + k]!;
+      height += (points[3 * v + k]! * sums[s + 6]! - sums[s + 3 + k]!) * sums[s + k]!;
+      square += sums[s + k]! ** 2;
     }
-    const square = dot(v, v);
     // Of the corners around, a third are the vertex itself: hence 3 / 2.
-    if (!square || (sharpness[i / 3] ?? sharp[i / 3 - sharpness.length])) continue;
-    for (let k = 0; k < 3; k++) points[i + k]! += ((3 / 8) * dot(u, v) * v[k]!) / (sums[s + 6]! * square);
+    if (!square || (sharpness[v] ?? sharp[v - sharpness.length])) continue;
+    for (let k = 0; k < 3; k++) points[3 * v + k]! += ((3 / 8) * height * sums[s + k]!) / (sums[s + 6]! * square);
   }
 }

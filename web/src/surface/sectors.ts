@@ -1,7 +1,7 @@
 /** Sectors of vertices and their normals on the limit surface: spec/cndhf.md, section 6.2. */
 import { nextHalf, previousHalf, unset } from "./manifold.js";
 import { divide, divideCorners, type Topology } from "./subdivision.js";
-import { arm, cross, dot, u, v, w } from "./vectors.js";
+import { found, look } from "./vectors.js";
 
 /** One step of subdivision. */
 export interface Step {
@@ -84,11 +84,9 @@ export function sectorsOf(
 
   /** Add to the sum of a sector of vertex p: the normal of triangle p q r, times its angle at p. */
   const addTriangle = (sector: number, p: number, q: number, r: number): void => {
-    arm(u, points, 3 * p, 3 * q);
-    arm(v, points, 3 * p, 3 * r);
-    const area = cross();
-    const share = area && Math.atan2(area, dot(u, v)) / area;
-    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * w[k]!;
+    const area = look(points, 3 * p, 3 * q, 3 * r);
+    const share = area && Math.atan2(area, found[3]!) / area;
+    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * found[k]!;
   };
 
   const rounds: Float64Array[] = [];
@@ -170,7 +168,7 @@ export function sectorsOf(
   }
   for (const sector of bare) {
     const sum = sums.subarray(3 * sector, 3 * sector + 3);
-    const length = Math.sqrt(dot(sum, sum)) || 1;
+    const length = Math.hypot(...sum) || 1;
     normals.set(sum.map((x) => x / length), 3 * sector);
   }
   return { ofSector: ofSector.slice(0, size), normals: normals.slice(0, 3 * size), ofCorner, ofNew };
