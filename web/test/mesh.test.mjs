@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { decode, SurfaceError } from "../dist/index.js";
+import { decode, OptionError, SurfaceError } from "../dist/index.js";
 import { bytesOf, vector } from "./files.mjs";
 
 /** Volume, and whether each edge is passed once in either direction. */
@@ -88,6 +88,18 @@ test("default meshes of surfaces have as many triangles as those of the Python p
     assert.ok(mesh.index.every((v) => v < mesh.positions.length / 3), path);
     if (model.closed && model.oriented) assert.ok(solid(welded(mesh)).closed, path);
   }
+});
+
+test("a tolerance says how many triangles a surface gets", async () => {
+  const model = await decode(bytesOf(vector("surface-smooth")));
+  const meshes = await Promise.all([0.1, 0.5, 2, 10].map((tolerance) => model.toMesh({ tolerance })));
+  const [finest, byDefault, coarse, coarsest] = meshes.map((mesh) => mesh.index.length / 3);
+  assert.ok(finest > byDefault && byDefault > coarse && coarse > coarsest, String([finest, byDefault, coarse, coarsest]));
+  assert.equal(byDefault, (await model.toMesh()).index.length / 3);
+  for (const mesh of meshes) assert.ok(solid(welded(mesh)).closed);
+  // Whatever it is, triangles stay within a hundredth of the diagonal.
+  assert.equal((await model.toMesh({ tolerance: 100 })).index.length / 3, (await model.toMesh({ tolerance: 99 })).index.length / 3);
+  for (const tolerance of [0, -1, 101, NaN, "much"]) await assert.rejects(model.toMesh({ tolerance }), OptionError);
 });
 
 test("a default mesh is as much outside as inside", async () => {

@@ -6,8 +6,8 @@ import { found, look } from "./vectors.js";
 
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
-// The triangles of a face by its divided edges, unless all are: edge k, from corner k to the next, counts 2^k. Points 0 to 2 are its
-// corners, 3 + k the middle of edge k.
+// The triangles of a face by its divided edges, unless all are: edge k, from corner k to the next, counts 2^k. Points 0 to
+// 2 are its corners, 3 + k the middle of edge k.
 const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "425145150"].map((cut) =>
   [...cut].map(Number),
 );
@@ -60,7 +60,7 @@ export function limitMesh(
   for (let k = steps.length - 1; k > 0; k--) setWhole(steps[k - 1]!, steps[k]!);
   const sectors = sectorsOf(control, vertices, steps, points);
   const { ofCorner, ofNew } = sectors;
-  // What is chosen is put over the corners of the last level: it is never longer than those of the faces before it.
+  // Triangles that are chosen take the place of the last level's, in order: they are never more than those they stand for.
   const index = new Uint32Array(ofCorner.at(-1)!.buffer);
   let size = 0;
   const add = (k: number, face: number): void => {

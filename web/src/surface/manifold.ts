@@ -30,7 +30,8 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
   const first = unset(nVertices);
   const after = unset(n);
-  // Lists of half-edges by the greater of their vertices, then by the smaller one: then edges are in order. Numbers go to the front.
+  // Lists of half-edges by the greater of their vertices, then by the smaller one: then edges are in order. A list starts
+  // at its last number, and each number has the one before it.
   const byGreater = unset(nVertices);
   const bySmaller = unset(nVertices);
   const rest = unset(n);

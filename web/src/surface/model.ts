@@ -1,7 +1,7 @@
 /** The representation `surface`: the limit of a subdivided control mesh. */
 import { inRange } from "../container.js";
 import { type Header, Shape, type Points, whole } from "../model.js";
-import { SheetError, SurfaceError } from "../errors.js";
+import { OptionError, SheetError, SurfaceError } from "../errors.js";
 import { type Mesh, placed as toInput } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { rotationMatrix } from "../rotation.js";
@@ -13,15 +13,14 @@ import { windingNumber } from "./winding.js";
 const MAX_LEVEL = 6;
 const MAX_FACES = 2 ** 23; // of a mesh: half a gigabyte of arrays
 const MOST_ADAPTED = 2 ** 19; // faces of the finest level of the mesh by default
-const UNKNOWN_ERROR = 2e-4; // of the diagonal: in place of the mean error where the file says nothing of it
+const UNKNOWN_ERROR = 2e-4; // of the diagonal: half the mean error where the file says nothing of it
 const MOST_TOLERANCE = 0.01; // of the diagonal, whatever the file says
 
 export interface SurfaceMeshOptions {
-  /**
-   * How often to subdivide: 0 to 6. By default as often, place by place, as keeps the triangles within half the file's
-   * own mean error of the surface.
-   */
+  /** How often to subdivide, everywhere: 0 to 6. By default as often, place by place, as the tolerance asks for. */
   level?: number;
+  /** How far triangles may be from the surface: 0.01 to 100 times the file's own mean error; 0.5 by default. */
+  tolerance?: number;
 }
 
 export class SurfaceModel extends Shape {
@@ -52,8 +51,8 @@ export class SurfaceModel extends Shape {
    * A mesh: by default as fine as the file's error asks for; of a level, its vertices on the limit surface. Throws
    * OptionError or SurfaceError.
    */
-  async toMesh({ level }: SurfaceMeshOptions = {}): Promise<Mesh> {
-    const { points, normals, index, ofSector } = level === undefined ? this.adaptive() : this.limit(level);
+  async toMesh({ level, tolerance }: SurfaceMeshOptions = {}): Promise<Mesh> {
+    const { points, normals, index, ofSector } = level === undefined ? this.adaptive(tolerance) : this.limit(level);
     return { ...toInput(points, this.centre, this.scale, ofSector), normals, index };
   }
 
@@ -72,11 +71,12 @@ export class SurfaceModel extends Shape {
     );
   }
 
-  /** The mesh by default, in the normalised frame. */
-  private adaptive(): LimitMesh {
+  /** The mesh whose triangles are so many times the file's mean error from the surface, in the normalised frame. */
+  private adaptive(times = 0.5): LimitMesh {
+    inRange("tolerance", times, 0.01, 100, OptionError);
     const { meanError, p99Error } = this.metadata;
     const tolerance = (diagonal: () => number): number =>
-      meanError && p99Error ? Math.min(meanError / 2 / this.scale, MOST_TOLERANCE * diagonal()) : UNKNOWN_ERROR * diagonal();
+      Math.min(times * (meanError && p99Error ? meanError / this.scale : 2 * UNKNOWN_ERROR * diagonal()), MOST_TOLERANCE * diagonal());
     const maxLevel = Math.min(MAX_LEVEL, Math.floor(Math.log2(MOST_ADAPTED / (this.control.faces.length / 3)) / 2));
     return limitMesh(this.topology(), this.controlVertices(), tolerance, maxLevel, this.oriented);
   }

@@ -26,7 +26,7 @@ export interface RangeDecoder {
 
 const SIGN = -(2 ** 31); // flipping the sign bits of two int32 compares them as unsigned
 
-/** A function's own variables are faster than properties of an object until code is compiled, and most files end before. */
+/** Its variables are not an object's properties: until code is compiled those are slower, and a file ends about then. */
 export function rangeDecoder(body: Uint8Array): RangeDecoder {
   const bytes = new Uint8Array(body.length + LOOKAHEAD);
   bytes.set(body);

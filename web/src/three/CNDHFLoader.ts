@@ -25,7 +25,7 @@ export class CNDHFLoader extends Loader<BufferGeometry> {
     super(manager);
   }
 
-  /** `level` of subdivision for surfaces, `resolution` of marching cubes for double height fields. */
+  /** `level` of subdivision or `tolerance` for surfaces, `resolution` of marching cubes for double height fields. */
   setMeshOptions(options: DhfMeshOptions & SurfaceMeshOptions): this {
     this.options = options;
     return this;
@@ -79,8 +79,8 @@ export class CNDHFLoader extends Loader<BufferGeometry> {
 
   private async mesh(bytes: Uint8Array): Promise<Mesh> {
     const model = await decode(bytes);
-    const { level, resolution } = this.options;
-    if (model.representation === "surface") return model.toMesh(level === undefined ? {} : { level });
+    const { resolution } = this.options;
+    if (model.representation === "surface") return model.toMesh(this.options);
     const options = resolution === undefined ? {} : { resolution };
     if (this.limit) {
       this.workers ??= new MeshWorkers(this.limit);
