@@ -19,7 +19,7 @@ const decoderApart = {
 const OWN = [
   "adaptive", "bias", "bit", "bodies", "count", "divided", "finish", "frequencies", "header", "inputs", "kind",
   "layers", "limit", "lookup", "matrix", "mesh", "network", "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "raw",
-  "refined", "sharpness", "records", "sizes", "starts", "steps", "topology", "valences", "winding", "zero",
+  "refined", "sharpness", "starts", "topology", "valences", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */

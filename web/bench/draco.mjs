@@ -33,7 +33,9 @@ try {
   await compare("Node.js", ways, (path, options) => {
     // Once in a hundred runs Node.js 20 does not end after its last line, hence the limit of time.
     const run = [script, path, JSON.stringify(options ?? null)];
-    return JSON.parse(spawnSync(process.execPath, run, { encoding: "utf8", timeout: 10_000 }).stdout);
+    const { stdout, stderr } = spawnSync(process.execPath, run, { encoding: "utf8", timeout: 10_000 });
+    if (!stdout) throw new Error(stderr);
+    return JSON.parse(stdout);
   });
   if (existsSync(executablePath)) {
     const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });

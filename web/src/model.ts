@@ -58,9 +58,9 @@ export abstract class Shape {
   }
 }
 
-/** The whole number that an option says. Throws OptionError. */
-export function whole(name: string, value: number, least: number, most: number): number {
-  if (!Number.isInteger(value) || value < least || value > most) {
+/** The number that an option says, by default a whole one. Throws OptionError. */
+export function option(name: string, value: number, least: number, most: number, isRight = Number.isInteger): number {
+  if (!isRight(value) || value < least || value > most) {
     throw new OptionError(`${name} is ${value}; ${least} to ${most} are allowed`);
   }
   return value;

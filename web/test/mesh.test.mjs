@@ -99,7 +99,7 @@ test("a tolerance says how many triangles a surface gets", async () => {
   for (const mesh of meshes) assert.ok(solid(welded(mesh)).closed);
   // Whatever it is, triangles stay within a hundredth of the diagonal.
   assert.equal((await model.toMesh({ tolerance: 100 })).index.length / 3, (await model.toMesh({ tolerance: 99 })).index.length / 3);
-  for (const tolerance of [0, -1, 101, NaN, "much"]) await assert.rejects(model.toMesh({ tolerance }), OptionError);
+  for (const tolerance of [0, -1, 101, NaN, "2", 2n, null]) await assert.rejects(model.toMesh({ tolerance }), OptionError);
 });
 
 test("a default mesh is as much outside as inside", async () => {

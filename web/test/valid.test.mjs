@@ -14,6 +14,24 @@ function close(found, wanted, tolerance, what) {
   }
 }
 
+test("what is public keeps its names in the bundle", async () => {
+  const dhf = await decode(bytesOf(vector("dhf-rans")));
+  assert.deepEqual(Object.keys(dhf.info.sections), ["layout", "metadata", "records", "weights"]);
+  assert.deepEqual(Object.keys(dhf.info), [
+    "representation", "bytes", "sections", "centre", "scale", "encoder", "source", "meanError", "p99Error", "maxError",
+  ]);
+  const [{ record, tensors, rotation }] = dhf.fields;
+  assert.deepEqual(Object.keys(record), [
+    "fold", "quaternion", "box", "width", "hiddenLayers", "omegaFirst", "omegaHidden", "steps", "sizes",
+  ]);
+  assert.equal(record.sizes.length, tensors.length);
+  assert.equal(rotation.length, 9);
+  const { control, info } = await decode(bytesOf(vector("surface-smooth")));
+  assert.deepEqual(Object.keys(info.sections), ["layout", "surface", "metadata"]);
+  assert.deepEqual(Object.keys(control), ["quaternion", "step", "positions", "faces", "edges", "sharp"]);
+  assert.deepEqual(Object.keys(control.edges), ["ends", "ofHalf", "opposite", "first", "after"]);
+});
+
 for (const [name, wanted] of Object.entries(expected)) {
   test(name, async (t) => {
     const bytes = bytesOf(vector(name));

@@ -23,7 +23,7 @@ export class NoSurfaceError extends Error {}
 
 /** `resolution`: cells along the longest side of the solid. Throws NoSurfaceError. */
 export function isosurface(fields: Field[], resolution: number): Isosurface {
-  const weights = fields.reduce((sum, { tensors }) => sum + tensors.reduce((n, t) => n + t.length, 0), 0);
+  const weights = fields.reduce((sum, { record }) => sum + record.sizes.reduce((a, b) => a + b), 0);
   if (weights * resolution ** 2 > MAX_WORK) {
     throw new NoSurfaceError(`this file asks for too much work at resolution ${resolution}: lower it`);
   }

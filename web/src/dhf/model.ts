@@ -2,7 +2,7 @@
 import { OptionError, SurfaceError } from "../errors.js";
 import { type Mesh, placed } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
-import { type Header, type Points, Shape, whole } from "../model.js";
+import { type Header, type Points, Shape, option } from "../model.js";
 import type { Field } from "./field.js";
 
 const DEFAULT_RESOLUTION = 128;
@@ -30,7 +30,7 @@ export class DhfModel extends Shape {
    * frame, normalised units. Points outside the field's box are clamped to it.
    */
   heights(i: number, uv: ArrayLike<number>): Float64Array {
-    const field = this.fields[whole("field", i, 0, this.fields.length - 1)]!;
+    const field = this.fields[option("field", i, 0, this.fields.length - 1)]!;
     if (uv.length % 2) throw new OptionError(`uv has ${uv.length} numbers; two per point are needed`);
     return field.heights(uv);
   }
@@ -47,7 +47,7 @@ export class DhfModel extends Shape {
 
   /** The intersection of the first n fields, which holds the whole solid: a file has the one that carves most first. */
   first(n: number): DhfModel {
-    return new DhfModel(this.header, this.metadata, this.fields.slice(0, whole("fields", n, 1, this.fields.length)));
+    return new DhfModel(this.header, this.metadata, this.fields.slice(0, option("fields", n, 1, this.fields.length)));
   }
 
   contains(points: Points): Uint8Array {
@@ -56,7 +56,7 @@ export class DhfModel extends Shape {
 
   /** The surface by marching cubes. Throws OptionError, or SurfaceError where it is empty or too large. */
   async toMesh({ resolution = DEFAULT_RESOLUTION }: DhfMeshOptions = {}): Promise<Mesh> {
-    whole("resolution", resolution, 8, MAX_RESOLUTION);
+    option("resolution", resolution, 8, MAX_RESOLUTION);
     const { isosurface, NoSurfaceError } = await import("./isosurface.js");
     try {
       const { points, normals, index } = isosurface(this.fields, resolution);

@@ -2,7 +2,7 @@
 import { nextHalf } from "./manifold.js";
 import { type Sectors, sectorsOf, type Step } from "./sectors.js";
 import { divide, limitPoints, nextLimitPoints, nextVertices, type Topology } from "./subdivision.js";
-import { found, look } from "./vectors.js";
+import { measure, measured } from "./vectors.js";
 
 const BEYOND = 0.1; // so many edges of the finest level need not keep to the tolerance
 
@@ -12,7 +12,7 @@ const CUTS = ["012", "032312", "014042", "314034042", "015512", "503253231", "42
   [...cut].map(Number),
 );
 
-export interface LimitMesh extends Sectors {
+export interface LimitMesh extends Pick<Sectors, "ofSector" | "normals"> {
   /** Points of the limit surface, three coordinates per vertex. */
   points: Float64Array;
   /** Three sectors per triangle. */
@@ -20,22 +20,22 @@ export interface LimitMesh extends Sectors {
 }
 
 /**
- * The mesh of a control mesh with these vertices. An edge is divided where the surface is farther from it than the
- * tolerance, which follows from the diagonal, up to `maxLevel` times. A tolerance below 0 divides all as often. Where
+ * The mesh of a control mesh with these vertices. An edge is divided where the surface is farther from it than
+ * the tolerance, which follows from the diagonal, up to `maxLevel` times; without one all are, so often. Where
  * `isBalanced`, vertices are moved outward, see `balance`.
  */
 export function limitMesh(
   control: Topology,
   vertices: Float64Array,
-  toleranceOf: (diagonal: () => number) => number,
   maxLevel: number,
   isBalanced: boolean,
+  toleranceOf?: (diagonal: number) => number,
 ): LimitMesh {
   const steps: Step[] = [];
   let mesh = control;
   let next = nextVertices(mesh, vertices);
   let points = limitPoints(mesh, vertices, next);
-  const tolerance = toleranceOf(() => diagonal(points));
+  const tolerance = toleranceOf?.(diagonal(points)) ?? 0;
   let error = 0; // of the level before
   for (let k = 0; k < maxLevel; k++) {
     if (k) {
@@ -46,7 +46,7 @@ export function limitMesh(
     const n = mesh.sharp.length;
     const divided = new Uint8Array(n).fill(1);
     const before = error;
-    if (tolerance >= 0) {
+    if (toleranceOf) {
       const far = setFar(divided, distances(mesh, finer), tolerance);
       const nBeyond = n - 1 - Math.floor((1 - BEYOND) * (n - 1));
       if (far.length <= nBeyond) break;
@@ -58,8 +58,7 @@ export function limitMesh(
     if (Math.max(error / before, 1 / 4) * error < tolerance) break;
   }
   for (let k = steps.length - 1; k > 0; k--) setWhole(steps[k - 1]!, steps[k]!);
-  const sectors = sectorsOf(control, vertices, steps, points);
-  const { ofCorner, ofNew } = sectors;
+  const { ofSector, normals, ofCorner, ofNew } = sectorsOf(control, vertices, steps, points);
   // Triangles that are chosen take the place of the last level's, in order: they are never more than those they stand for.
   const index = new Uint32Array(ofCorner.at(-1)!.buffer);
   let size = 0;
@@ -73,9 +72,9 @@ export function limitMesh(
       for (const p of CUTS[kind]!) index[size++] = p < 3 ? ofCorner[k]![3 * face + p]! : ofNew[k]![3 * face + p - 3]!;
     }
   };
-  if (tolerance < 0) size = index.length;
+  if (!toleranceOf) size = index.length;
   else for (let face = 0; face < control.faces.length / 3; face++) add(0, face);
-  const made = { ...sectors, points, index: index.slice(0, size) };
+  const made = { ofSector, normals, points, index: index.slice(0, size) };
   if (isBalanced) balance(made, steps.at(-1)?.mesh ?? mesh);
   return made;
 }
@@ -123,15 +122,15 @@ function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64
   const out = new Float64Array(sharp.length);
   for (let f = 0; f < faces.length; f += 3) {
     const a = 3 * faces[f]!;
-    const size = look(points, a, 3 * faces[f + 1]!, 3 * faces[f + 2]!) || 1;
-    const x = found[0]! / size;
-    const y = found[1]! / size;
-    const z = found[2]! / size;
-    const height = x * points[a]! + y * points[a + 1]! + z * points[a + 2]!;
+    const size = measure(points, a, 3 * faces[f + 1]!, 3 * faces[f + 2]!) || 1;
+    const x = measured[0]! / size;
+    const y = measured[1]! / size;
+    const z = measured[2]! / size;
     for (let h = f; h < f + 3; h++) {
       const e = ofHalf[h]!;
       const m = 3 * (valences.length + e);
-      out[e] = Math.max(out[e]!, Math.abs(x * points[m]! + y * points[m + 1]! + z * points[m + 2]! - height));
+      const height = x * (points[m]! - points[a]!) + y * (points[m + 1]! - points[a + 1]!) + z * (points[m + 2]! - points[a + 2]!);
+      out[e] = Math.max(out[e]!, Math.abs(height));
     }
   }
   for (let h = 0; h < faces.length; h++) {
@@ -140,12 +139,14 @@ function distances({ faces, ofHalf, sharp, valences }: Topology, points: Float64
     const a = 3 * faces[h]!;
     const b = 3 * faces[nextHalf(h)]!;
     const m = 3 * (valences.length + e);
-    const lengthTo = (c: number): number => (look(points, a, c, c), Math.sqrt(found[3]!));
-    const chord = lengthTo(b);
-    out[e] = Math.max(out[e]!, chord ? look(points, a, b, m) / chord : lengthTo(m));
+    const chord = distance(points, a, b);
+    out[e] = Math.max(out[e]!, chord ? measure(points, a, b, m) / chord : distance(points, a, m));
   }
   return out;
 }
+
+const distance = (points: Float64Array, a: number, b: number): number =>
+  Math.hypot(points[b]! - points[a]!, points[b + 1]! - points[a + 1]!, points[b + 2]! - points[a + 2]!);
 
 /**
  * Move smooth vertices off the surface by a quarter of their height over the mean of their neighbours: then the
@@ -157,9 +158,9 @@ function balance({ points, index, ofSector }: LimitMesh, { sharp, sharpness }: T
     const a = 3 * ofSector[index[t]!]!;
     const b = 3 * ofSector[index[t + 1]!]!;
     const c = 3 * ofSector[index[t + 2]!]!;
-    look(points, a, b, c);
+    measure(points, a, b, c);
     for (let k = 0; k < 3; k++) {
-      const normal = found[k]!;
+      const normal = measured[k]!;
       const sum = points[a + k]! + points[b + k]! + points[c + k]!;
       for (let i = t; i < t + 3; i++) {
         sums[7 * index[i]! + k]! += normal;

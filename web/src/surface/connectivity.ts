@@ -20,7 +20,7 @@ export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): In
   const walked = grown(coder, !oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
   const turns = contexts(2);
   let turned = 0;
-  const numbers = new Int32Array(MAX_VERTICES); // of vertices, in order of their first appearance, from 1
+  const numbers: number[] = []; // of vertices, in order of their first appearance, from 1
   let count = 0;
   const numberOf = (v: number): number => (numbers[v] ||= ++count) - 1;
   const faces = new Int32Array(walked.length);
@@ -38,20 +38,17 @@ export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): In
 }
 
 /** Grow all components; their faces, without those of caps. */
-function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32Array {
-  const out = new Int32Array(3 * maxFaces);
-  let size = 0;
+function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number[] {
+  const out: number[] = [];
   let nFaces = 0; // those of caps included
   // Of nodes.
-  let nNodes = 0;
-  const prev = new Int32Array(3 * maxFaces);
-  const next = new Int32Array(3 * maxFaces);
-  const vertex = new Int32Array(3 * maxFaces);
-  const alive = new Uint8Array(3 * maxFaces);
+  const prev: number[] = [];
+  const next: number[] = [];
+  const vertex: number[] = [];
+  const alive: boolean[] = [];
   // Of vertices.
-  let nVertices = 0;
-  const degree = new Int32Array(MAX_VERTICES);
-  const caps = new Uint8Array(MAX_VERTICES); // 1 in a face of a cap, 2 the middle of a cap
+  const degree: number[] = [];
+  const caps: number[] = []; // 1 in a face of a cap, 2 the middle of a cap
 
   const queues = Array.from({ length: LEVELS }, (): number[] => []);
   const heads = new Int32Array(LEVELS); // what is before is taken
@@ -70,7 +67,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
     const c = addVertex();
     addFace(a, b, c, true);
     // The border runs the other way round than the face, as the next faces do.
-    const n = nNodes;
+    const n = vertex.length;
     addNode(a, n + 2, n + 1, true);
     addNode(c, n, n + 2, true);
     addNode(b, n + 1, n, true);
@@ -79,7 +76,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
       while (alive[pivot]) grow(pivot);
     }
   }
-  return out.subarray(0, size);
+  return out;
 
   function grow(P: number): void {
     const ahead = degree[vertex[next[P]!]!]! >= degree[vertex[prev[P]!]!]!;
@@ -110,7 +107,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
 
   /** Drop node N, whose neighbours A and B then meet. */
   function close(N: number, A: number, B: number): void {
-    alive[N] = 0;
+    alive[N] = false;
     link(A, N, B);
     link(B, N, A);
     zip(A);
@@ -121,7 +118,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
     let X: number;
     let Y: number;
     if (bit(far)) {
-      Y = coder.raw(32 - Math.clz32(nNodes - 1));
+      Y = coder.raw(32 - Math.clz32(vertex.length - 1));
       X = ahead ? prev[Y]! : next[Y]!;
     } else {
       const side = bit(sides);
@@ -155,7 +152,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
       push(N);
       return;
     }
-    alive[N] = alive[B] = 0;
+    alive[N] = alive[B] = false;
     if (A !== B) {
       const C = other(B, N);
       link(A, N, C);
@@ -178,18 +175,18 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
 
   /** Add a node of vertex v between two others, which change places unless `ahead`. */
   function addNode(v: number, before: number, after: number, ahead: boolean): number {
-    prev[nNodes] = ahead ? before : after;
-    next[nNodes] = ahead ? after : before;
-    vertex[nNodes] = v;
-    alive[nNodes] = 1;
-    return nNodes++;
+    prev.push(ahead ? before : after);
+    next.push(ahead ? after : before);
+    alive.push(true);
+    return vertex.push(v) - 1;
   }
 
   function addVertex(): number {
-    if (nVertices === MAX_VERTICES) {
+    if (degree.length === MAX_VERTICES) {
       throw new LimitError(`the control mesh has more than ${MAX_VERTICES} vertices`);
     }
-    return nVertices++;
+    caps.push(0);
+    return degree.push(0) - 1;
   }
 
   /** Add a face, whose first two vertices change places unless `ahead`. */
@@ -199,11 +196,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): Int32A
     degree[b]!++;
     degree[c]!++;
     if (caps[a]! > 1 || caps[b]! > 1 || caps[c]! > 1) for (const v of [a, b, c]) caps[v] ||= 1;
-    else {
-      out[size++] = ahead ? a : b;
-      out[size++] = ahead ? b : a;
-      out[size++] = c;
-    }
+    else out.push(ahead ? a : b, ahead ? b : a, c);
   }
 
   function push(N: number): void {

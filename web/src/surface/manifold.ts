@@ -30,8 +30,7 @@ export function edgesOf(faces: Int32Array, nVertices: number): Edges {
   const n = faces.length;
   const first = unset(nVertices);
   const after = unset(n);
-  // Lists of half-edges by the greater of their vertices, then by the smaller one: then edges are in order. A list starts
-  // at its last number, and each number has the one before it.
+  // Linked lists of half-edges by the greater of their vertices, then by the smaller one: so edges get into order.
   const byGreater = unset(nVertices);
   const bySmaller = unset(nVertices);
   const rest = unset(n);

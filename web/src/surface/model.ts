@@ -1,7 +1,7 @@
 /** The representation `surface`: the limit of a subdivided control mesh. */
 import { inRange } from "../container.js";
-import { type Header, Shape, type Points, whole } from "../model.js";
-import { OptionError, SheetError, SurfaceError } from "../errors.js";
+import { type Header, Shape, type Points, option } from "../model.js";
+import { SheetError, SurfaceError } from "../errors.js";
 import { type Mesh, placed as toInput } from "../mesh.js";
 import type { Metadata } from "../metadata.js";
 import { rotationMatrix } from "../rotation.js";
@@ -17,9 +17,12 @@ const UNKNOWN_ERROR = 2e-4; // of the diagonal: half the mean error where the fi
 const MOST_TOLERANCE = 0.01; // of the diagonal, whatever the file says
 
 export interface SurfaceMeshOptions {
-  /** How often to subdivide, everywhere: 0 to 6. By default as often, place by place, as the tolerance asks for. */
+  /** How often to subdivide, everywhere, in place of a tolerance: 0 to 6. */
   level?: number;
-  /** How far triangles may be from the surface: 0.01 to 100 times the file's own mean error; 0.5 by default. */
+  /**
+   * How far triangles may be from the surface, but for a few: 0.01 to 100 times the file's own mean error (0.04 % of the
+   * diagonal where it states none), and a hundredth of the diagonal at most. 0.5 by default.
+   */
   tolerance?: number;
 }
 
@@ -71,22 +74,22 @@ export class SurfaceModel extends Shape {
     );
   }
 
-  /** The mesh whose triangles are so many times the file's mean error from the surface, in the normalised frame. */
+  /** The mesh within so many times the file's mean error of the surface, in the normalised frame. */
   private adaptive(times = 0.5): LimitMesh {
-    inRange("tolerance", times, 0.01, 100, OptionError);
+    option("tolerance", times, 0.01, 100, Number.isFinite);
     const { meanError, p99Error } = this.metadata;
-    const tolerance = (diagonal: () => number): number =>
-      Math.min(times * (meanError && p99Error ? meanError / this.scale : 2 * UNKNOWN_ERROR * diagonal()), MOST_TOLERANCE * diagonal());
+    const tolerance = (diagonal: number): number =>
+      Math.min(times * (meanError && p99Error ? meanError / this.scale : 2 * UNKNOWN_ERROR * diagonal), MOST_TOLERANCE * diagonal);
     const maxLevel = Math.min(MAX_LEVEL, Math.floor(Math.log2(MOST_ADAPTED / (this.control.faces.length / 3)) / 2));
-    return limitMesh(this.topology(), this.controlVertices(), tolerance, maxLevel, this.oriented);
+    return limitMesh(this.topology(), this.controlVertices(), maxLevel, this.oriented, tolerance);
   }
 
   /** The limit surface after `number` steps of subdivision, in the normalised frame. */
   private limit(level: number): LimitMesh {
-    whole("level", level, 0, MAX_LEVEL);
+    option("level", level, 0, MAX_LEVEL);
     const n = (this.control.faces.length / 3) * 4 ** level;
     inRange(`the number of triangles of level ${level}`, n, 1, MAX_FACES, SurfaceError);
-    return limitMesh(this.topology(), this.controlVertices(), () => -1, level, false);
+    return limitMesh(this.topology(), this.controlVertices(), level, false);
   }
 
   private topology(): Topology {

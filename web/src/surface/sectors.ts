@@ -1,7 +1,7 @@
 /** Sectors of vertices and their normals on the limit surface: spec/cndhf.md, section 6.2. */
 import { nextHalf, previousHalf, unset } from "./manifold.js";
 import { divide, divideCorners, type Topology } from "./subdivision.js";
-import { found, look } from "./vectors.js";
+import { measure, measured } from "./vectors.js";
 
 /** One step of subdivision. */
 export interface Step {
@@ -44,7 +44,7 @@ export function sectorsOf(
   const normals = new Float32Array(3 * most);
   let size = 0;
   const bare: number[] = []; // sectors without tangents, whose normals are NaN until the end
-  const sums = new Float64Array(3 * most); // of theirs, those of the triangles at their corners
+  let sums: Float64Array | undefined; // of theirs, those of the triangles at their corners
   const spokes = new Int32Array(control.faces.length + 4); // the neighbours of a vertex
 
   /** Add a sector of a vertex. Its tangents are sums over the spokes, with two weights for each. */
@@ -84,9 +84,10 @@ export function sectorsOf(
 
   /** Add to the sum of a sector of vertex p: the normal of triangle p q r, times its angle at p. */
   const addTriangle = (sector: number, p: number, q: number, r: number): void => {
-    const area = look(points, 3 * p, 3 * q, 3 * r);
-    const share = area && Math.atan2(area, found[3]!) / area;
-    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * found[k]!;
+    const area = measure(points, 3 * p, 3 * q, 3 * r);
+    const share = area && Math.atan2(area, measured[3]!) / area;
+    sums ??= new Float64Array(3 * most);
+    for (let k = 0; k < 3; k++) sums[3 * sector + k]! += share * measured[k]!;
   };
 
   const rounds: Float64Array[] = [];
@@ -163,11 +164,13 @@ export function sectorsOf(
     const corners = ofCorner.at(-1)!;
     for (let h = 0; h < finest.length; h++) {
       const sector = corners[h]!; // below 0: not used
-      if (isNaN(normals[3 * sector] ?? 0)) addTriangle(sector, finest[h]!, finest[nextHalf(h)]!, finest[previousHalf(h)]!);
+      if (sector >= nFirst && isNaN(normals[3 * sector]!)) {
+        addTriangle(sector, finest[h]!, finest[nextHalf(h)]!, finest[previousHalf(h)]!);
+      }
     }
   }
   for (const sector of bare) {
-    const sum = sums.subarray(3 * sector, 3 * sector + 3);
+    const sum = sums!.subarray(3 * sector, 3 * sector + 3);
     const length = Math.hypot(...sum) || 1;
     normals.set(sum.map((x) => x / length), 3 * sector);
   }
