@@ -20,8 +20,8 @@ export interface LimitMesh extends Pick<Sectors, "ofSector" | "normals"> {
 }
 
 /**
- * The mesh of a control mesh with these vertices. An edge is divided where the surface is farther from it than
- * the tolerance, which follows from the diagonal, up to `maxLevel` times; without one all are, so often. Where
+ * The mesh of a control mesh with these vertices. An edge is divided where the surface is farther from it than the
+ * tolerance, which follows from the diagonal, up to `maxLevel` times; without a tolerance all edges are, so often. Where
  * `isBalanced`, vertices are moved outward, see `balance`.
  */
 export function limitMesh(
