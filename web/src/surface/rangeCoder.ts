@@ -24,13 +24,11 @@ export interface RangeDecoder {
   finish(): void;
 }
 
-const SIGN = -(2 ** 31); // flipping the sign bits of two int32 compares them as unsigned
-
 /** Its variables are not an object's properties: until code is compiled those are slower, and a file ends about then. */
 export function rangeDecoder(body: Uint8Array): RangeDecoder {
   const bytes = new Uint8Array(body.length + LOOKAHEAD);
   bytes.set(body);
-  // Two int32 that stand for unsigned numbers: those are fast from the first call on.
+  // Two int32 that stand for unsigned numbers: whole numbers are fast from the first call on.
   let range = -1;
   let code = 0;
   let at = 0;
@@ -46,7 +44,7 @@ export function rangeDecoder(body: Uint8Array): RangeDecoder {
 
   /** 0 where the code lies below a bound, else 1. */
   const split = (bound: number): number => {
-    const bit = (code ^ SIGN) < (bound ^ SIGN) ? 0 : 1;
+    const bit = code >>> 0 < bound >>> 0 ? 0 : 1;
     if (bit) code = (code - bound) | 0;
     range = bit ? (range - bound) | 0 : bound;
     if (range >>> 24 === 0) widen();
