@@ -17,9 +17,9 @@ const decoderApart = {
 
 // Names of properties that are used within dist/index.js only. They become shorter there, for 200 bytes.
 const OWN = [
-  "adaptive", "bias", "bit", "bodies", "count", "divided", "finish", "frequencies", "header", "inputs", "kind",
-  "layers", "limit", "lookup", "matrix", "mesh", "network", "normalised", "ofCorner", "ofNew", "ofSector", "outputs", "raw",
-  "refined", "sharpness", "starts", "topology", "valences", "winding", "zero",
+  "adaptive", "bias", "bit", "bodies", "count", "divided", "finish", "frequencies", "header", "inputs", "items", "kind",
+  "layers", "limit", "lookup", "matrix", "mesh", "network", "normalised", "nVertices", "ofCorner", "ofNew", "ofSector", "outputs", "raw",
+  "refined", "sharpness", "starts", "take", "topology", "valences", "winding", "zero",
 ];
 
 /** A module made smaller; with the source map of what it was made from, its own goes to `path`.map. */

@@ -2,6 +2,7 @@
 import { inRange } from "../container.js";
 import { LimitError, PayloadError } from "../errors.js";
 import { unsignedModel } from "./models.js";
+import { Queue } from "./queue.js";
 import { type Context, type RangeDecoder, closing, context, contexts } from "./rangeCoder.js";
 
 const MAX_VERTICES = 2 ** 17;
@@ -15,14 +16,14 @@ const PIVOT_CLOSES = [1, 1, 25, 8, 22, 36, 42, 40, 33, 15];
 const OTHER_CLOSES = [1, 1, 2, 6, 18, 30, 35, 37, 37, 32];
 
 /** Vertex numbers of all faces, three per face, each with its least number first. `sectionSize` limits their number. */
-export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): Int32Array {
+export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): { faces: Int32Array; nVertices: number } {
   const oriented = coder.bit(context());
   const walked = grown(coder, !oriented, Math.min(MAX_FACES, FREE_FACES + FACES_PER_BYTE * sectionSize));
   const turns = contexts(2);
   let turned = 0;
   const numbers: number[] = []; // of vertices, in order of their first appearance, from 1
-  let count = 0;
-  const numberOf = (v: number): number => (numbers[v] ||= ++count) - 1;
+  let nVertices = 0;
+  const numberOf = (v: number): number => (numbers[v] ||= ++nVertices) - 1;
   const faces = new Int32Array(walked.length);
   for (let f = 0; f < faces.length; f += 3) {
     if (!oriented) turned = coder.bit(turns[turned]!);
@@ -34,7 +35,7 @@ export function decodeConnectivity(coder: RangeDecoder, sectionSize: number): In
     faces[f + ((k + 1) % 3)] = b;
     faces[f + ((k + 2) % 3)] = c;
   }
-  return faces;
+  return { faces, nVertices };
 }
 
 /** Grow all components; their faces, without those of caps. */
@@ -50,8 +51,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
   const degree: number[] = [];
   const caps: number[] = []; // 1 in a face of a cap, 2 the middle of a cap
 
-  const queues = Array.from({ length: LEVELS }, (): number[] => []);
-  const heads = new Int32Array(LEVELS); // what is before is taken
+  const queues = Array.from({ length: LEVELS }, () => new Queue());
   const pivotCloses = [0, 1, 2].map(() => PIVOT_CLOSES.map(closing));
   const otherCloses = OTHER_CLOSES.map(closing);
   const joins = closing(2);
@@ -208,9 +208,7 @@ function grown(coder: RangeDecoder, mayTwist: boolean, maxFaces: number): number
     for (let again = true; again; ) {
       again = false;
       for (let k = LEVELS - 1; k >= 0; k--) {
-        const queue = queues[k]!;
-        while (heads[k]! < queue.length) {
-          const N = queue[heads[k]++]!;
+        for (let N; (N = queues[k]!.take()) >= 0; ) {
           if (!alive[N]) continue;
           if (k === LEVELS - 1 || degree[vertex[N]!] === k) return N;
           push(N);

@@ -1,5 +1,6 @@
 /** Which edges are sharp: spec/cndhf.md, section 4.4. */
 import { around, type Edges, nextHalf } from "./manifold.js";
+import { Queue } from "./queue.js";
 import { type Context, type RangeDecoder, context, contexts } from "./rangeCoder.js";
 
 /** 1 for each sharp edge, boundary edges included. */
@@ -18,8 +19,7 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
   const nSharp = new Int32Array(nVertices);
   const left = new Int32Array(nVertices);
   for (let i = 0; i < ends.length; i++) (todo[i >> 1] ? left : nSharp)[ends[i]!]!++;
-  const lines: number[] = []; // a queue: what is before `head` is taken
-  let head = 0;
+  const lines = new Queue();
   const follows = contexts(15); // line
   const starts = contexts(9); // alone
 
@@ -61,10 +61,7 @@ export function decodeMarks(coder: RangeDecoder, faces: Int32Array, nVertices: n
   };
 
   for (let h = 0; h < faces.length; h++) {
-    while (head < lines.length) {
-      const v = lines[head++]!;
-      if (nSharp[v] === 1) follow(v);
-    }
+    for (let v; (v = lines.take()) >= 0; ) if (nSharp[v] === 1) follow(v);
     const edge = ofHalf[h]!;
     if (!todo[edge]) continue;
     const i = Math.min(nSharp[faces[h]!]!, 2);

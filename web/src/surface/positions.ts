@@ -2,6 +2,7 @@
 import { PayloadError } from "../errors.js";
 import { type Edges, nextHalf, previousHalf, unset } from "./manifold.js";
 import { signedModel } from "./models.js";
+import { Queue } from "./queue.js";
 import { contexts, type RangeDecoder } from "./rangeCoder.js";
 
 const MAX_POSITION = 2 ** 18;
@@ -20,8 +21,7 @@ export function decodePositions(
   const missing = new Uint8Array(faces.length / 3).fill(3);
   const near = unset(nVertices);
   const foretelling = new Int32Array(nVertices); // how many faces foretell a vertex that is not placed
-  const queues: number[][] = [[], [], []]; // vertices that 2, 1 and 0 faces foretell
-  const heads = [0, 0, 0]; // what is before is taken
+  const queues = Array.from({ length: 3 }, () => new Queue()); // vertices that 2, 1 and 0 faces foretell
   const told = signedModel(coder);
   const untold = signedModel(coder);
   const same = contexts(48);
@@ -78,13 +78,7 @@ export function decodePositions(
   };
 
   const next = (): number => {
-    for (let k = 0; k < 3; k++) {
-      const queue = queues[k]!;
-      while (heads[k]! < queue.length) {
-        const v = queue[heads[k]++]!;
-        if (!placed[v]) return v;
-      }
-    }
+    for (const queue of queues) for (let v; (v = queue.take()) >= 0; ) if (!placed[v]) return v;
     return -1;
   };
 

@@ -46,10 +46,8 @@ export function decodeSurface(body: Uint8Array): ControlMesh {
     start += 8;
   }
   const coder = rangeDecoder(body.subarray(start));
-  const faces = decodeConnectivity(coder, size);
+  const { faces, nVertices } = decodeConnectivity(coder, size);
   if (!faces.length) throw new PayloadError("the surface section holds no faces");
-  let nVertices = 0;
-  for (let h = 0; h < faces.length; h++) if (faces[h]! >= nVertices) nVertices = faces[h]! + 1;
   const edges = edgesOf(faces, nVertices);
   const sharp = decodeMarks(coder, faces, nVertices, edges);
   const positions = decodePositions(coder, faces, nVertices, edges, eighths, flags & REPEATS);

@@ -79,13 +79,10 @@ export class CNDHFLoader extends Loader<BufferGeometry> {
 
   private async mesh(bytes: Uint8Array): Promise<Mesh> {
     const model = await decode(bytes);
-    const { resolution } = this.options;
-    if (model.representation === "surface") return model.toMesh(this.options);
-    const options = resolution === undefined ? {} : { resolution };
-    if (this.limit) {
+    if (model.representation === "dhf" && this.limit) {
       this.workers ??= new MeshWorkers(this.limit);
       try {
-        return await this.workers.mesh(bytes, options);
+        return await this.workers.mesh(bytes, this.options);
       } catch (error) {
         if (!(error instanceof WorkerError)) throw error;
         // Some bundlers leave worker.js out, and a page may not start that of another origin.
@@ -93,6 +90,6 @@ export class CNDHFLoader extends Loader<BufferGeometry> {
         this.setWorkerLimit(0);
       }
     }
-    return model.toMesh(options);
+    return model.toMesh(this.options);
   }
 }
